@@ -64,21 +64,21 @@ def test_side_lines_are_those_of_the_nonlinear_drive_in_time(ideal, name):
 def line_of(tmp_path: Path, f: float) -> OtherSource:
     names = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
     path = tmp_path / "lines.csv"
-    path.write_text(f"frequency_hz,{','.join(names)}\n{f},1,1,1,1,1,1\n")
+    path.write_text(f"frequency_hz,{','.join(names)}\n{f}{6 * ',1e-3'}\n")
     return OtherSource(name="cooler", position=["0.3 m", "-0.2 m", "0.5 m"], lines=str(path))
 
 
 def noise_of(tmp_path: Path) -> OtherSource:
     names = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
     path = tmp_path / "density.csv"
-    rows = [f"{f},1,1,1,1,1,1" for f in (7.0, 7.3, 7.6)]
+    rows = [f"{f}{6 * ',1e-6'}" for f in (7.0, 7.3, 7.6)]
     path.write_text("\n".join([",".join(("frequency_hz", *names)), *rows]) + "\n")
     return OtherSource(name="noise", position=["0.3 m", "-0.2 m", "0.5 m"], density=str(path))
 
 
 def wheel(first: float, last: float | None) -> OtherSource:
     one = WheelHarmonic(
-        order=1.0, radial_force="1e-4 N*s^2/rad^2", radial_torque="1e-4 N*m*s^2/rad^2"
+        order=1.0, radial_force="1e-7 N*s^2/rad^2", radial_torque="1e-7 N*m*s^2/rad^2"
     )
     ends = [None if f is None else f"{60.0 * f} rpm" for f in (first, last)]
     of = Wheel(speed=ends[0], speed_to=ends[1], axis=(0.0, 0.0, 1.0), harmonics=(one,))
@@ -87,7 +87,8 @@ def wheel(first: float, last: float | None) -> OtherSource:
 
 @pytest.mark.parametrize("kind", ["lines", "density", "wheel", "sweep"])
 def test_a_band_beside_a_source_has_its_side_lines(ideal, tmp_path, kind):
-    """At f - 2 f_e a drive with a gain error passes nothing that an ideal one passes."""
+    """At f - 2 f_e a drive with a gain error does not pass what an ideal one passes, of which small loads
+    make hardly anything but their own line."""
     f = 7.3
     source = {
         "lines": lambda: line_of(tmp_path, f),
@@ -102,7 +103,7 @@ def test_a_band_beside_a_source_has_its_side_lines(ideal, tmp_path, kind):
     for name, scenario in (("ideal", ideal), ("gain", turning)):
         one = contribution_of_other(source, scenario, WORKING_FOLDER, (SLIDES, SLIDES))
         found[name] = [
-            assess(Requirement(**required, statistic=statistic, limit="1e-15 rad", **more), [one], "rss")
+            assess(Requirement(**required, statistic=statistic, limit="1e-13 rad", **more), [one], "rss")
             for statistic, more in (("rms", {}), ("bound", {}), ("level", {"confidence": "99 percent"}))
         ]  # fmt: skip
     for plain, real in zip(found["ideal"], found["gain"], strict=True):

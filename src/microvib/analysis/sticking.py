@@ -17,17 +17,20 @@ class Shafts(Protocol):
         ...
 
 
-def sticking_of(motion: Shafts | None) -> Sticking:
+def sticking_of(motion: Shafts | None, *, repeats: bool = False) -> Sticking:
     """Which shafts of a drive stick at any time of a motion, or turn back.
 
     Where a rate changes its sign it is zero for an instant, and friction may hold a shaft there.
-    Where no motion was kept, both may.
+    Where no motion was kept, both may. ``repeats`` says that it is a steady motion.
     """
     if motion is None:
         return MAY_STICK
     return Sticking(
         _sticks(motion["stuck_rotor"], motion["omega_m"]),
         _sticks(motion["stuck_output"], motion["omega_l"]),
+        float(np.min(np.abs(motion["omega_m"]))),
+        float(np.min(np.abs(motion["omega_l"]))),
+        repeats,
     )
 
 

@@ -40,6 +40,10 @@ _RIGID = 1e3
 """Times the largest stiffness of the system, for the modes of a shaft that is locked."""
 _LEAST_STIFFNESS = 1e-3
 """Part of the electromagnetic stiffness that detent torque leaves at the least."""
+_FALLING = 4.0
+"""By how much more friction whose torque falls as its rate grows (Stribeck) may make of loads than what
+its energy bounds otherwise, in a steady motion; assumed: in drives that were integrated in time it made
+no more than 14 % of that bound (``benchmarks/switching_friction.py``)."""
 _ALIKE = 1e-9
 """Part of the electromagnetic stiffness by which it may change and be as good as constant."""
 
@@ -57,6 +61,13 @@ class UncertainSpring:
     """Infinite where it may be rigid."""
     damping: float = 0.0
     """[N m s/rad], which comes and goes with it."""
+    switches: bool = False
+    """Whether friction that sticks and slides while its drive runs makes it come and go."""
+    largest: float = math.inf
+    """Torque that such friction reaches at most [N m]."""
+    above_energy: float = 1.0
+    """By how much what it makes of loads may be above the bound that holds where its torque never falls
+    as its rate grows (``model.switching_friction``); infinite where that tells nothing."""
 
 
 class Sticking(NamedTuple):
@@ -64,10 +75,21 @@ class Sticking(NamedTuple):
 
     rotor: bool
     output: bool
+    slowest_rotor: float = math.inf
+    slowest_output: float = math.inf
+    """Rates [rad/s] above which shafts that never stick stay; infinite where nobody looked."""
+    repeats: bool = False
+    """Whether the motion is a steady one that repeats with the steps, to which deviations return."""
 
     def or_as(self, other: Sticking) -> Sticking:
         """Shafts that may stick in either of two motions."""
-        return Sticking(self.rotor or other.rotor, self.output or other.output)
+        return Sticking(
+            self.rotor or other.rotor,
+            self.output or other.output,
+            min(self.slowest_rotor, other.slowest_rotor),
+            min(self.slowest_output, other.slowest_output),
+            self.repeats and other.repeats,
+        )
 
 
 MAY_STICK, SLIDES = Sticking(True, True), Sticking(False, False)
@@ -80,18 +102,30 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
     reducer, motor, friction = scenario.reducer, scenario.motor, scenario.friction
     rotor, output = coordinates(reducer, len(scenario.array.modes))[:2]
     found = [
-        *_of_friction(friction, output, sticking.output),
-        *_of_friction(motor.friction, rotor, sticking.rotor),
+        *_of_friction(friction, output, sticking.output, sticking.repeats),
+        *_of_friction(motor.friction, rotor, sticking.rotor, sticking.repeats),
     ]
     if friction.harness is not None and friction.harness.memory:
-        found.append(UncertainSpring(output, _stuck_stiffness(friction.harness.memory), 0.0, 1.0))
+        stuck = _stuck_stiffness(friction.harness.memory)
+        found.append(
+            UncertainSpring(
+                output, stuck, 0.0, 1.0, switches=sticking.output, largest=friction.harness.friction
+            )
+        )
     if not reducer.rigid:
         twist = -rotor / reducer.h - output
         stiffness = float(reducer.stiffness)
         if reducer.hysteresis is not None:
-            found.append(UncertainSpring(twist, reducer.hysteresis.stiffness, 0.0, 1.0))
+            stuck, largest = reducer.hysteresis.stiffness, reducer.hysteresis_torque
+            switches = (sticking.output and friction.largest_torque > 0.0) or (
+                sticking.rotor and motor.friction.largest_torque > 0.0
+            )
+            found.append(
+                UncertainSpring(twist, stuck, 0.0, 1.0, switches=switches, largest=largest)
+            )
         if reducer.backlash:
-            found.append(UncertainSpring(twist, stiffness, -1.0, 0.0, reducer.damping))
+            gap = UncertainSpring(twist, stiffness, -1.0, 0.0, reducer.damping)
+            found.append(replace(gap, above_energy=math.inf))
     return found
 
 
@@ -114,12 +148,28 @@ def springs_of_motor(scenario: Scenario, *, stands: bool) -> list[UncertainSprin
     return [UncertainSpring(rotor, motor.electromagnetic_stiffness, least, high)]
 
 
-def _of_friction(friction: Friction, on: np.ndarray, sticks: bool) -> Iterator[UncertainSpring]:
-    """Spring of a shaft's friction that sticks."""
+def _of_friction(
+    friction: Friction, on: np.ndarray, sticks: bool, repeats: bool
+) -> Iterator[UncertainSpring]:
+    """Spring of a shaft's friction that sticks, in a motion that repeats or not."""
+    above = 1.0
+    if friction.position is not None:
+        above = math.inf
+    elif friction.stribeck_torque > 0.0:
+        above = _FALLING if repeats else math.inf
+    of_friction = UncertainSpring(
+        on,
+        1.0,
+        0.0,
+        math.inf,
+        switches=sticks,
+        largest=friction.largest_torque,
+        above_energy=above,
+    )
     if friction.memory:
-        yield UncertainSpring(on, _stuck_stiffness(friction.memory), 0.0, 1.0)
+        yield replace(of_friction, stiffness=_stuck_stiffness(friction.memory), high=1.0)
     elif sticks and friction.largest_torque > 0.0:
-        yield UncertainSpring(on, 1.0, 0.0, math.inf)
+        yield of_friction
 
 
 def _stuck_stiffness(memory: Sequence[tuple[float, float]]) -> float:
@@ -325,6 +375,8 @@ def drive_states(
         wing = require_craft(scenario).spacecraft.second_wing
         held = not steps and wing is not None and wing.drive == "held"
         beside = springs_of_drive(other, MAY_STICK if held else sticking[1])
+        if held:
+            beside = [replace(one, switches=False) for one in beside]
         steps = steps or (not turning and not held and bool(other.rate))
         beside += springs_of_motor(other, stands=True) if not steps else []
         beside += springs_of_motor(other, stands=False) if steps and turning else []
@@ -352,7 +404,8 @@ def craft_of_drives(
 def _springs_of_own(scenario: Scenario, sticking: Sticking, turning: bool) -> list[UncertainSpring]:
     """Springs of the first drive; one that is parked holds its array as a second wing's does."""
     if scenario.rate == 0.0:
-        return [*springs_of_drive(scenario, MAY_STICK), *springs_of_motor(scenario, stands=True)]
+        parked = [replace(one, switches=False) for one in springs_of_drive(scenario, MAY_STICK)]
+        return [*parked, *springs_of_motor(scenario, stands=True)]
     found = springs_of_drive(scenario, sticking)
     return [*found, *springs_of_motor(scenario, stands=False)] if turning else found
 

@@ -146,7 +146,11 @@ def _at_angle(scenario: Scenario, angle: Si, harmonics: int, limit: Limit | None
 
 
 def _sticking(source: SteadyState | Motion) -> tuple[Sticking, Sticking]:
-    return sticking_of(source), sticking_of(source.second_wing)
+    repeats = isinstance(source, SteadyState)
+    return (
+        sticking_of(source, repeats=repeats),
+        sticking_of(source.second_wing, repeats=repeats),
+    )
 
 
 def check_sweep(scenario: Scenario) -> None:

@@ -332,11 +332,22 @@ def _rise_of_side_lines(one: Contribution, paths: _Paths) -> float:
     if one.side is None:
         return 1.0
     low, high = _ranges(one.side.frequency)
-    rise = float(paths.rise(low, high).max(initial=1.0))
+    rise = max(float(paths.rise(low, high).max(initial=1.0)), _rise_anywhere(one.side, paths))
     if one.side.density is not None:
         f, S = one.side.density
         rise = max(rise, paths.rise_of_density(f, S, float(f[0]), float(f[-1])))
     return rise
+
+
+def _rise_anywhere(side: SideLines, paths: _Paths) -> float:
+    """Rise of motion at frequencies that are not known: that of any resonance that passes."""
+    if not side.anywhere:
+        return 1.0
+    low, high = (
+        np.zeros(1),
+        np.array([one.frequency[-1] for one in side.anywhere]).max(keepdims=True),
+    )
+    return float(paths.rise(low, high).max(initial=1.0))
 
 
 def _ranges(frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -354,7 +365,10 @@ def _larger_side_lines(a: Contribution, b: Contribution, paths: _Paths) -> SideL
     for one in (a.side, b.side):
         if one is not None:
             rise = paths.rise(*_ranges(one.source)) * paths.rise(*_ranges(one.frequency))
-            found = one.times(rise).joined(found)
+            larger = one.times(rise)
+            own = _rise_anywhere(one, paths) ** 2  # of what loads make, and of what is made of it
+            anywhere = tuple(each.times(own) for each in one.anywhere)
+            found = replace(larger, anywhere=anywhere).joined(found)
     return found
 
 

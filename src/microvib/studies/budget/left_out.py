@@ -12,9 +12,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from microvib.analysis.margins import frequency_error_bound
+from microvib.studies.budget.side_lines import SideLines
 from microvib.studies.budget.sources import Contribution
 
 _ROUNDING = 1.0 + 1e-9
+_NEGLIGIBLE = 1e-3
+"""Part of the largest line below which what is made of a source at other frequencies is nothing of its
+own."""
 
 
 def left_out_of_lines(contributions: Sequence[Contribution], angles: int = 0) -> list[str]:
@@ -33,6 +37,11 @@ def left_out_of_lines(contributions: Sequence[Contribution], angles: int = 0) ->
     ]
 
 
+def _varying_springs_make(side: SideLines) -> bool:
+    """Whether there are side lines or a side density, or may be."""
+    return bool(side.unknown or side.frequency.size or side.density is not None)
+
+
 def _left_out(one: Contribution) -> Iterator[str]:
     """Parts of a source that its lines do not say."""
     if one.alternatives or one.sweep is not None:
@@ -41,8 +50,13 @@ def _left_out(one: Contribution) -> Iterator[str]:
         yield f"its density ({one.how})"
     if one.errors:
         yield f"its error without lines ({one.how})"
-    if one.side is not None:
+    if one.side is not None and _varying_springs_make(one.side):
         yield "side lines that the varying spring of a drive makes of it"
+    if one.side is not None and any(
+        np.max(beside.most) > _NEGLIGIBLE * np.abs(one.los).max(initial=0.0)
+        for beside in one.side.anywhere
+    ):
+        yield "what friction and the sine of a drive's motor make of it at other frequencies"
     if one.cases is not None or one.in_case is not None:
         yield "the cases of a campaign"
     if not np.all(np.isfinite(one.relative_errors[1])):

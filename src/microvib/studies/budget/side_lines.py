@@ -16,6 +16,7 @@ from microvib.model.friction import Friction
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.model.side_lines import SideResponse, VaryingDrive, unknown_drives, varying_drives
+from microvib.model.switching_friction import MotorSine, SwitchingFriction, motor_sines
 from microvib.signals.pointing import Metric, mean_square_of_lines, windowed_amplitudes
 from microvib.studies.budget.files import Requirement
 from microvib.units import within_band
@@ -53,6 +54,71 @@ _LEAST_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
+class Anywhere:
+    """Motion of the line of sight whose frequencies are not known."""
+
+    why: str
+    """Where it comes from, a sentence without a stop."""
+    frequency: np.ndarray
+    """Frequencies [Hz], ascending, (m,)."""
+    most: np.ndarray
+    """Amplitude [rad] that a line there has at most, (m, 2). All lines together have no larger mean
+    square than one line has at the frequency where it costs most."""
+    crest: float = 30.0
+    """Times their root mean square that all together crest at most, but for what a metric makes of
+    crests; as a rule some 450 lines of one size, assumed."""
+
+    def times(self, factor: float) -> Anywhere:
+        """With amplitudes times a factor."""
+        return replace(self, most=factor * self.most)
+
+    def crest_in(self, metric: Metric) -> float:
+        """Crest over root mean square in a metric, at most."""
+        return self.crest * MAX_METRIC_GAIN[metric]
+
+    def largest(self, r: Requirement) -> float:
+        """The most that it makes of a requirement's metric, as root mean square [rad]; of a curve
+        as part of it.
+        """
+        at, squares = self._in_band(r)
+        if r.curve is not None:
+            least = _over_neighbours(r.allowed.at(at), np.minimum)
+            return float(np.max(np.sqrt(squares) / least, initial=0.0))
+        window = r.window or r.apart or 1.0
+        weight = mean_square_of_lines(r.metric, at, np.ones((at.size, 1)), window, r.apart)[:, 0]
+        highest = 0.5 * MAX_METRIC_WEIGHT[r.metric]
+        step = _over_neighbours(np.diff(at, append=at[-1]), np.maximum)
+        coarse = step * max(window, r.apart or 0.0) > _COARSE
+        weight = np.where(coarse, highest, _over_neighbours(weight, np.maximum))
+        return math.sqrt(float(np.max(weight * squares, initial=0.0)))
+
+    def _in_band(self, r: Requirement) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies of a requirement's band, its ends and points of its curve among them, (k,), and
+        squares of the largest amplitudes about its axes next to these.
+        """
+        highest = max(self.frequency[-1], r.lowest) if r.highest is None else r.highest
+        of_curve = [] if r.curve is None else [point.frequency for point in r.curve]
+        low = max(r.lowest, min(self.frequency[0], highest))
+        if r.curve is not None:
+            low, highest = max(low, min(of_curve)), min(highest, max(of_curve))
+        between = np.concatenate([self.frequency, of_curve])
+        inside = between[(between > low) & (between < highest)]
+        at = np.unique(np.concatenate([[low, highest], inside])) if low <= highest else np.zeros(0)
+        squares = np.sum(self.most[:, _AXES[r.axis]] ** 2, axis=1)
+        above = np.clip(np.searchsorted(self.frequency, at), 0, squares.size - 1)
+        largest = np.maximum.reduce(
+            [squares[np.clip(above + k, 0, squares.size - 1)] for k in (-2, -1, 0, 1)]
+        )
+        return at, largest
+
+
+def _over_neighbours(values: np.ndarray, extreme: np.ufunc) -> np.ndarray:
+    """Extreme of each value and those beside it."""
+    padded = np.pad(values, 1, mode="edge")
+    return np.asarray(extreme.reduce([padded[:-2], padded[1:-1], padded[2:]]))
+
+
+@dataclass(frozen=True)
 class SideLines:
     """Lines that may each be at one of several frequencies, and a density."""
 
@@ -66,6 +132,8 @@ class SideLines:
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz] at most."""
     unknown: tuple[str, ...] = ()
     """Why nothing is known, a sentence each."""
+    anywhere: tuple[Anywhere, ...] = ()
+    """Motion of which it is known how large it is, but not where."""
 
     def worst(self, r: Requirement) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (j,) [Hz] and amplitudes (j, 2) [rad] that cost a requirement most."""
@@ -116,6 +184,7 @@ class SideLines:
             np.concatenate([one.most for one in parts]),
             _sum_of_densities(densities),
             tuple(dict.fromkeys((*self.unknown, *other.unknown))),
+            (*self.anywhere, *other.anywhere),
         )
 
     def _padded(self, other: SideLines) -> SideLines:
@@ -136,7 +205,8 @@ class SideLines:
         of_density = float(np.max(factor, initial=1.0)) ** 2
         density = self.density and (self.density[0], self.density[1] * of_density)
         each = np.broadcast_to(factor, (len(self.most),))[:, None, None]
-        return replace(self, most=self.most * each, density=density)
+        anywhere = tuple(one.times(math.sqrt(of_density)) for one in self.anywhere)
+        return replace(self, most=self.most * each, density=density, anywhere=anywhere)
 
 
 def _sum_of_densities(
@@ -167,6 +237,8 @@ class Shaft:
     """Electrical turns in one of its own; 0 of an output."""
     rubs: bool
     """Whether dry friction acts on it."""
+    slowest: float = math.inf
+    """Rate [rad/s] below which it is at no time without the loads; infinite where nobody looked."""
 
     def motion(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Largest motion [rad] by ``forces`` on the coordinates (n, c), or at each frequency (m, n, c),
@@ -183,7 +255,7 @@ class Shaft:
                 f"its loads may swing {self.name} by {self.teeth * motion:.2g} rad of the electrical"
                 " angle, of which the motor's torque is no linear function"
             )
-        if self.rubs and speed > _LARGEST_RATE * self.rate:
+        if self.rubs and speed > min(_LARGEST_RATE * self.rate, self.slowest):
             return (
                 f"its loads may change the rate of {self.name} by {speed / self.rate:.2g} times what is"
                 " commanded and turn it back, and what friction makes of that is not known"
@@ -191,7 +263,14 @@ class Shaft:
         return ""
 
 
-def shafts_of(scenario: Scenario, craft: DriveStates) -> list[Shaft]:
+def _slowest(sticks: bool, rate: float) -> float:
+    """Rate below which a shaft is at no time; of one that sticks its friction tells what loads make."""
+    return math.inf if sticks else rate
+
+
+def shafts_of(
+    scenario: Scenario, craft: DriveStates, sticking: tuple[Sticking, Sticking]
+) -> list[Shaft]:
     """Shafts of the drives of a craft that turn at a constant rate."""
     names = {0: "", 1: " of the second wing"}
     found = []
@@ -201,13 +280,16 @@ def shafts_of(scenario: Scenario, craft: DriveStates) -> list[Shaft]:
         rotor, output = (
             on[:, 0] for on in (craft.on_rotor_of(wing), craft.on_output_of(wing, drive))
         )
-        rate, motor = abs(drive.rate), drive.motor
+        rate, motor, stick = abs(drive.rate), drive.motor, sticking[wing]
         found += [
             Shaft(
                 craft, rotor, f"the rotor{names[wing]}", rate * drive.reducer.ratio, motor.rotor_teeth,
-                _rubs(motor.friction),
+                _rubs(motor.friction), _slowest(stick.rotor, stick.slowest_rotor),
             ),
-            Shaft(craft, output, f"the output{names[wing]}", rate, 0, _rubs(drive.friction)),
+            Shaft(
+                craft, output, f"the output{names[wing]}", rate, 0, _rubs(drive.friction),
+                _slowest(stick.output, stick.slowest_output),
+            ),
         ]  # fmt: skip
     return found
 
@@ -224,6 +306,34 @@ def _sums(each: Sequence[np.ndarray]) -> list[float]:
 def _peaks_of(f: np.ndarray, densities: Sequence[np.ndarray]) -> list[float]:
     """Largest values of noise with each of some densities (m,) over frequencies (m,)."""
     return [_PEAKS * math.sqrt(float(np.trapezoid(one, f))) for one in densities]
+
+
+_OF_FRICTION = (
+    "friction that sticks for a part of each step makes lines of these loads at frequencies that are"
+    " not known (finer microsteps, microstep_ramp or a faster rate, with which shafts slide at all"
+    " times; a higher lowest)"
+)
+_OF_FALLING_FRICTION = (
+    "friction that sticks for a part of each step makes lines of these loads at frequencies that are"
+    " not known, and as it falls with the rate, only a start in the steady state bounds them closely"
+    " (record.start: steady; finer microsteps, microstep_ramp or a faster rate, with which shafts slide"
+    " at all times)"
+)
+_OF_MOTOR = (
+    "the motor's torque is a sine of its angle and makes lines of these loads at frequencies that are"
+    " not known"
+)
+
+
+def _with_anywhere(lines: SideLines | None, anywhere: Sequence[Anywhere]) -> SideLines | None:
+    """Side lines with motion at frequencies that are not known."""
+    counts = tuple(one for one in anywhere if np.any(one.most))
+    if not counts:
+        return lines
+    if lines is None:
+        none = np.zeros((0, 1))
+        return SideLines(none, none, np.zeros((0, 1, 2)), anywhere=counts)
+    return replace(lines, anywhere=(*lines.anywhere, *counts))
 
 
 def _with_reasons(lines: SideLines | None, reasons: tuple[str, ...]) -> SideLines | None:
@@ -245,16 +355,47 @@ class TurningDrives:
         sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
         drives: Sequence[VaryingDrive] | None = None,
         craft: DriveStates | None = None,
+        sines: Sequence[MotorSine] = (),
+        friction: DriveStates | None = None,
     ) -> None:
         """Drives of a ``scenario``, of which ``sticking`` tells the shafts that may stick, or others
-        that are given with their craft.
+        that are given with their craft and the ``sines`` of their motors; ``friction`` is the craft with
+        the frictions that sources act on, where that is another.
         """
         self.scenario = scenario
         self.craft = craft_of_drives(scenario, sticking) if craft is None else craft
         self.drives = varying_drives(scenario, self.craft) if drives is None else list(drives)
         self.unknown = tuple(unknown_drives(scenario)) if drives is None else ()
-        self.shafts = shafts_of(scenario, self.craft) if drives is None else []
+        self.shafts = shafts_of(scenario, self.craft, sticking) if drives is None else []
+        self.friction = SwitchingFriction(self.craft if friction is None else friction)
+        self.sines = motor_sines(scenario, self.craft) if drives is None else list(sines)
         self._last: dict[int, tuple[np.ndarray, SideResponse]] = {}
+
+    def norm(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Norm of lines at frequencies (m,) [Hz] by ``forces`` on the coordinates (n, c), or at each
+        frequency (m, n, c), of unknown phases, for ``model.switching_friction``, (m,).
+        """
+        if not self.friction.switches:
+            return np.zeros(frequency.size)
+        return np.asarray(self.friction.norm_of_forces(frequency, forces).sum(axis=1))
+
+    def anywhere(
+        self, norm: float, swings: Sequence[float], peaks: Sequence[float]
+    ) -> tuple[Anywhere, ...]:
+        """Motion that friction which sticks makes of loads of a ``norm``, and the sine of each motor of loads that
+        swing its rotor by root mean squares ``swings`` and ``peaks`` [rad] at most.
+        """
+        found = []
+        if norm > 0.0:
+            grid = self.friction.frequency
+            why = _OF_FRICTION
+            if math.isinf(self.friction.by_energy):
+                why = _OF_FALLING_FRICTION
+            found.append(Anywhere(why, grid, self.friction.los(norm)))
+        for one, swing, peak in zip(self.sines, swings, peaks, strict=True):
+            crest = peak / max(swing, 1e-300)
+            found.append(Anywhere(_OF_MOTOR, one.frequency, one.los(swing, peak), crest))
+        return tuple(found)
 
     def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:
         """Side lines of lines at frequencies (k,) [Hz] by ``forces`` (k, n, c) on the coordinates,
@@ -263,7 +404,18 @@ class TurningDrives:
         found = self._of(self._spread(frequency), self._on(frequency, forces))
         motions = [one.motion(frequency, forces).sum(axis=1) for one in self.shafts]
         speeds = [2.0 * np.pi * frequency * u for u in motions]
-        return _with_reasons(found, self._too_strong(_sums(motions), _sums(speeds)))
+        found = _with_reasons(found, self._too_strong(_sums(motions), _sums(speeds)))
+        return _with_anywhere(found, self._of_all_lines(frequency, forces))
+
+    def _of_all_lines(self, frequency: np.ndarray, forces: np.ndarray) -> tuple[Anywhere, ...]:
+        """Motion that friction and motors make of lines at frequencies that are not known."""
+        at = self._spread(frequency)
+        each = np.repeat(forces, at.shape[1], axis=0)
+        norms = self.norm(at.ravel(), each).reshape(at.shape).max(axis=1, initial=0.0)
+        swings = [one.motion(frequency, forces).sum(axis=1) for one in self.sines]
+        peaks = [float(np.sum(u)) for u in swings]
+        # lines of one frequency may be of one phase: no more than the sum of amplitudes
+        return self.anywhere(float(np.sum(norms)), peaks, peaks)
 
     def _too_strong(self, motions: Sequence[float], speeds: Sequence[float]) -> tuple[str, ...]:
         """Why the response to loads that move the shafts so far [rad] and fast [rad/s] is not linear, a
@@ -285,28 +437,33 @@ class TurningDrives:
         ]
 
     def of_rotor_motion(
-        self, frequency: np.ndarray, motions: Sequence[np.ndarray]
+        self, frequency: np.ndarray, motion: np.ndarray, norm: float
     ) -> SideLines | None:
-        """Side lines of lines (k,) [Hz] that move each drive's rotor by (k,) [rad]."""
+        """Side lines of lines (k,) [Hz] that move each drive's rotor by (k,) [rad], and have a ``norm``."""
         at = self._spread(frequency)
-        return self._of(at, [np.broadcast_to(u[:, None], at.shape) for u in motions])
+        found = self._of(at, [np.broadcast_to(motion[:, None], at.shape) for _ in self.drives])
+        peaks = [float(np.sum(motion)) for _ in self.sines]
+        return _with_anywhere(found, self.anywhere(norm, peaks, peaks))
 
     def of_sweep(
         self,
         grid: np.ndarray,
         motions: Sequence[np.ndarray],
         shafts: Sequence[np.ndarray],
+        anywhere: tuple[Anywhere, ...] = (),
     ) -> SideLines | None:
         """Side lines of lines that pass a grid (m,) [Hz], and move each drive's rotor by (o, m)
-        [rad], and its shafts; without what comes beside them at their own frequencies (``beside``).
+        [rad], and its shafts; without what comes beside them at their own frequencies (``beside``),
+        and with what is found ``anywhere``.
         """
         furthest = [float(u.max(axis=1).sum()) for u in shafts]
         fastest = [float((2.0 * np.pi * grid * u).max(axis=1).sum()) for u in shafts]
         reasons = self._too_strong(furthest, fastest)
-        if not motions:
-            return _with_reasons(self._of(np.zeros((0, grid.size)), []), reasons)
-        lines = self._of(np.tile(grid, (len(motions[0]), 1)), list(motions), own=False)
-        return _with_reasons(lines, reasons)
+        if motions:
+            lines = self._of(np.tile(grid, (len(motions[0]), 1)), list(motions), own=False)
+        else:
+            lines = self._of(np.zeros((0, grid.size)), [])
+        return _with_anywhere(_with_reasons(lines, reasons), anywhere)
 
     def beside(self, grid: np.ndarray, motions: Sequence[np.ndarray]) -> np.ndarray:
         """Amplitudes that come at most beside the linear response at their own frequencies, (o, m, 2) [rad]."""
@@ -358,14 +515,33 @@ class TurningDrives:
         squares = [np.sum(u, axis=1) ** 2 for u in moved]
         speeds = [(2.0 * np.pi * f) ** 2 * u for u in squares]
         reasons = self._too_strong(_peaks_of(f, squares), _peaks_of(f, speeds))
+        anywhere = self._of_noise(f, S, forces)
         if not self.drives:
-            return _with_reasons(self._of(np.zeros((0, 1)), []), reasons)
+            lines = _with_reasons(self._of(np.zeros((0, 1)), []), reasons)
+            return _with_anywhere(lines, anywhere)
         parts = [x for one in self.drives for x in self._density(one, f, S, forces, linear)]
         bounded = [part for part in parts if np.all(np.isfinite(part[1]))]
         unknown = self.unknown if len(bounded) == len(parts) else (*self.unknown, _UNBOUNDED)
         none = np.zeros((0, 1))
         density = _sum_of_densities(bounded)
-        return SideLines(none, none, np.zeros((0, 1, 2)), density, (*unknown, *reasons))
+        found = SideLines(none, none, np.zeros((0, 1, 2)), density, (*unknown, *reasons))
+        return _with_anywhere(found, anywhere)
+
+    def _of_noise(self, f: np.ndarray, S: np.ndarray, forces: np.ndarray) -> tuple[Anywhere, ...]:
+        """Motion that friction and motors make of densities (m, c) at frequencies (m,) [Hz] of ``forces`` (n, c),
+        at frequencies that are not known.
+        """
+        size = np.sqrt(S)
+        norm = 0.0
+        if self.friction.switches:
+            grid = np.union1d(f, self.friction.frequency)
+            grid = grid[(grid >= max(f[0], 1e-6)) & (grid <= f[-1])]
+            each = np.array([np.interp(grid, f, column) for column in size.T]).T
+            of_all = np.sum(self.friction.norm_of_forces(grid, forces) * each, axis=1) ** 2
+            norm = math.sqrt(2.0 * float(np.trapezoid(of_all, grid)))  # as that of an amplitude
+        squares = [np.sum(one.motion(f, forces) * size, axis=1) ** 2 for one in self.sines]
+        swings = [math.sqrt(float(np.trapezoid(one, f))) for one in squares]
+        return self.anywhere(norm, swings, [_PEAKS * u for u in swings])
 
     def _density(
         self,

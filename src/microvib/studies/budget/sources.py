@@ -42,7 +42,14 @@ from microvib.model.coupling import (
     source_of,
 )
 from microvib.model.drive_matrices import coordinates
-from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
+from microvib.model.drive_states import (
+    MAY_STICK,
+    SLIDES,
+    DriveStates,
+    Sticking,
+    craft_of_drives,
+    drive_states,
+)
 from microvib.model.driven import noise_bands
 from microvib.model.driven import noise_density as density_of_friction
 from microvib.model.expected import ExpectedLine
@@ -51,6 +58,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.model.side_lines import varying_drives
+from microvib.model.switching_friction import motor_sines
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import (
     BELOW_FLOOR,
@@ -488,7 +496,11 @@ def response_uncertainty(
 
 
 def with_side_lines_of_other(
-    one: Contribution, lines: HubLines, scenario: Scenario, other: Scenario
+    one: Contribution,
+    lines: HubLines,
+    scenario: Scenario,
+    other: Scenario,
+    sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
 ) -> Contribution:
     """Lines and density of a drive, with what the varying spring of a second drive that steps makes
     of them.
@@ -503,11 +515,14 @@ def with_side_lines_of_other(
         The same lines, with their loads on the hub.
     scenario, other : Scenario
         Of each drive, with the other's wing held.
+    sticking : pair of Sticking
+        Shafts of the first drive and of the other that may stick.
     """
     hub, f = receiver_of(scenario), one.frequency
     moves = one.settled & (f > MIN_FREQUENCY_WITHOUT_CONTROL)
-    turning = _second_drive(scenario, other)
-    if not turning.drives and not turning.unknown:
+    turning = _second_drive(scenario, other, sticking)
+    acts = turning.drives or turning.friction.switches or turning.sines
+    if not acts and not turning.unknown:
         return one
     assert hub.second is not None
     assert hub.second_root is not None
@@ -516,24 +531,33 @@ def with_side_lines_of_other(
     there = -((2.0 * np.pi * at[:, None]) ** 2) * (
         np.einsum("mnk,mk->mn", hub.moved(at), loads) @ hub.second_root.T
     )
-    rotor = np.abs(hub.second.coordinates_by_acceleration(at, there)[:, 0])
+    coordinates = hub.second.coordinates_by_acceleration(at, there)
+    rotor, norm = np.abs(coordinates[:, 0]), 0.0
+    if turning.friction.switches:
+        on = turning.friction.on[-coordinates.shape[1] :]
+        norm = float(turning.friction.norm_of_motion(at, (coordinates @ on)[:, :, None]).sum())
     if turning.craft.springs and turning.drives:  # as if a torque on its rotor made each line
         by = np.maximum(np.abs(los_per_rotor_torque(scenario, at)).max(axis=1), 1e-300)
         torque = np.abs(one.los[moves]).max(axis=1) / by
         unit = turning.drives[0].rotor_motion(at, turning.craft.on_rotor)[:, 0]
         rotor = np.maximum(rotor, unit * torque)
-    side = turning.of_rotor_motion(at, [rotor for _ in turning.drives])
+    side = turning.of_rotor_motion(at, rotor, norm)
     if side is not None:
         one = replace(one, side=side.joined(one.side))
     return with_side_density(one, scenario, turning)
 
 
-def _second_drive(scenario: Scenario, other: Scenario) -> TurningDrives:
+def _second_drive(
+    scenario: Scenario, other: Scenario, sticking: tuple[Sticking, Sticking]
+) -> TurningDrives:
     """The second drive of a craft, ``other`` telling how it steps."""
     craft = drive_states(scenario, own=False, steps=True, turning=False)
     held = DriveStates(scenario, ()) if craft is None else craft
     drives = [d for d in varying_drives(scenario, held, other) if d.wing == 1]
-    return TurningDrives(scenario, drives=drives, craft=held)
+    sines = [one for one in motor_sines(scenario, held, other) if one.wing == 1]
+    both = drive_states(scenario, steps=True, sticking=sticking, turning=False)
+    friction = DriveStates(scenario, ()) if both is None else both
+    return TurningDrives(scenario, drives=drives, craft=held, sines=sines, friction=friction)
 
 
 def with_side_density(
@@ -556,7 +580,8 @@ def with_side_lines_of_recording(recorded: Contribution, scenario: Scenario) -> 
     """
     if recorded.recorded is None:
         return recorded
-    turning = TurningDrives(scenario)
+    others = craft_of_drives(scenario, (SLIDES, MAY_STICK))  # its own friction is in the record
+    turning = TurningDrives(scenario, friction=others)
     loads = recorded.recorded[0] @ rotation_to_hub_axes(scenario).T
     forces = turning.craft.on_interface @ loads[:, :, None]
     side = turning.of_lines(recorded.frequency, forces)

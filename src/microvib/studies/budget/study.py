@@ -330,7 +330,10 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
         run_scenario(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives
     ]
     two = _has_second_wing(drives)
-    sticking = [sticking_of(result.motion or result.state) for result in results]
+    sticking = [
+        sticking_of(result.motion or result.state, repeats=result.state is not None)
+        for result in results
+    ]
     runs = []
     for k, (drive, result) in enumerate(zip(drives, results, strict=True)):
         contribution, lines = contribution_of_run(
@@ -349,7 +352,10 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
         wings = drives[0].scenario, drives[1].scenario
         for k, other in ((0, 1), (1, 0)):
             run = runs[k]
-            mixed = with_side_lines_of_other(run.contribution, run.lines, wings[k], wings[other])
+            both = sticking[k], sticking[other]
+            mixed = with_side_lines_of_other(
+                run.contribution, run.lines, wings[k], wings[other], both
+            )
             runs[k] = run._replace(contribution=mixed)
     return runs
 

@@ -11,7 +11,7 @@ looked at, and failed only if it is above it with the best phases and without th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Literal, NamedTuple
@@ -319,11 +319,19 @@ def assess(
     tones = with_side_lines(requirement, tones, chosen)
     chosen = _with_gaps(requirement, chosen, contributions)
     value = evaluate_lines(requirement, tones, densities)
-    figure = _Figure(*_bounds_about(requirement, tones, chosen, rule, value))
+    least, known = _bounds_about(requirement, tones, chosen, rule)
+    beyond = _anywhere(requirement, chosen)
+    most = _raised(
+        requirement,
+        lambda r: known if r is requirement else _bounds_about(r, tones, chosen, rule)[1],
+        beyond,
+    )
+    figure = _Figure(least, value, most)
     cases = _case_figures(requirement, chosen, contributions, rule)
     lacking = _percentile_gaps(requirement, chosen, cases)
     why = [
         *_open_reasons(requirement, chosen, value),
+        *_reasons_of(beyond, known, most, requirement.limit or math.nan, value),
         *_unknown_phase_reasons(requirement, chosen, rule, value),
         *lacking,
     ]
@@ -351,23 +359,29 @@ def assess(
     )
 
 
+def _reasons_of(
+    beyond: _Beyond, known: float, most: float, limit: float, value: float
+) -> tuple[str, ...]:
+    """Reasons of motion at unknown frequencies, where it raises what is ``known`` above the limit or is
+    a good part of the value.
+    """
+    counts = known <= limit or most - known > math.sqrt(SIGNIFICANT_PART) * value
+    return beyond.why if counts else ()
+
+
 def _bounds_about(
     requirement: Requirement,
     tones: CombinedLines,
     chosen: Sequence[Contribution],
     rule: Rule,
-    value: float,
-) -> tuple[float, float, float]:
-    """The least, the value and the most of a metric over all sources [rad]."""
+) -> tuple[float, float]:
+    """The least and the most of a metric over all sources [rad]."""
     gaps = [gap for one in chosen for gap in one.gaps]
     smallest = [one.least_density for one in chosen if one.least_density is not None]
     largest, beside = None, side_densities(chosen)
     if beside or any(one.density_bounds is not None for one in chosen):
         largest = [one.most_density for one in chosen if one.most_density is not None] + beside
-    least, most = metric_bounds(
-        requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest
-    )
-    return least, value, most
+    return metric_bounds(requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest)
 
 
 class _CaseFigures(NamedTuple):
@@ -487,6 +501,58 @@ def side_line_gaps(r: Requirement, one: Contribution) -> Iterator[Unobserved]:
         yield Unobserved(_SIDE_LINES, 0.0, math.inf, f[counts], most[counts])
 
 
+_LEVEL_OVER_PART, _ROUNDED_PART = 3.0, 1e-6
+"""Half of one over the slope of a level's logarithm over that of the part of the time beyond it, about,
+for the part that is given to what is beside; and the least such part."""
+
+
+class _Beyond(NamedTuple):
+    """Motion at frequencies that are not known: by how much it may raise a figure, and why."""
+
+    most: float
+    """Root mean square [rad]; of a curve the largest line as part of it."""
+    crest: float
+    """[rad]."""
+    why: tuple[str, ...]
+
+    def of(self, statistic: str) -> float:
+        """By how much a figure other than a level is raised at most."""
+        return self.crest if statistic == "bound" else self.most
+
+
+def _anywhere(r: Requirement, chosen: Sequence[Contribution]) -> _Beyond:
+    """Motion that sources make at frequencies that are not known, as a root mean square; whatever its phases,
+    such as add to all the rest.
+    """
+    each = [
+        (anywhere.largest(r), anywhere.crest_in(r.metric), f"{one.source}: {anywhere.why}")
+        for one in chosen
+        if one.side is not None
+        for anywhere in one.side.anywhere
+    ]
+    total = math.fsum(size for size, _, _ in each)
+    crest = math.fsum(size * crest for size, crest, _ in each)
+    return _Beyond(total, crest, tuple(why for size, _, why in each if size > 0.1 * total))
+
+
+def _raised(r: Requirement, most: Callable[[Requirement], float], beyond: _Beyond) -> float:
+    """Figure that is ``most`` of what is known, with motion at unknown frequencies beside it.
+
+    Of a level a part of the time goes to either: what is above s for longer than a part p of it has a
+    mean square of more than p s^2.
+    """
+    if beyond.most == 0.0:
+        return most(r)
+    if r.statistic == "level" and r.interpretation != "ensemble":
+        rest = 1.0 - r.confidence
+        size = beyond.most / (max(most(r), 1e-300) * math.sqrt(rest))
+        part = min(max((_LEVEL_OVER_PART * size) ** (2.0 / 3.0), _ROUNDED_PART), 0.5) * rest
+        stricter = r.model_copy(update={"confidence": r.confidence + part})
+        by_part = most(stricter) + beyond.most / math.sqrt(part)
+        return min(by_part, most(r) + beyond.crest)
+    return most(r) + (beyond.most if r.statistic == "rms" else beyond.crest)
+
+
 def with_side_lines(
     r: Requirement, tones: CombinedLines, chosen: Sequence[Contribution]
 ) -> CombinedLines:
@@ -521,14 +587,15 @@ def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule:
     most = np.concatenate([tones.most, *(gap.most for gap in gaps)])
     known = np.isfinite(most).all(axis=1)
     f, most = f[known], most[known]
+    beyond = _anywhere(r, chosen)
     if r.curve is not None:
-        return float(ratio_to_curve(r, f, most).max(initial=0.0))
+        return float(ratio_to_curve(r, f, most).max(initial=0.0)) + beyond.most
     plain = r if r.statistic != "level" else r.model_copy(update={"statistic": "rms"})
     densities = [one.most_density for one in chosen if one.most_density is not None]
     moved = Moved(f, most, densities + side_densities(chosen))
     if r.statistic != "level":  # whose rms beside errors would not grow with the lines as it does
         moved = moved._replace(errors=tones.errors)
-    return evaluate(plain, moved)
+    return evaluate(plain, moved) + beyond.of(plain.statistic)
 
 
 def _metric_of_source(r: Requirement, one: Contribution) -> float:
@@ -806,15 +873,17 @@ def _assess_by_curve(
     )
     over_most = np.max([ratio_to_curve(r, f, tones.most) for f in maybe], axis=0)
     size, limit = _size_and_limit_of_worst_line(own, tones)
-    figure = _Figure(
-        limit * float(over_least.max(initial=0.0)),
-        size,
-        max(limit * float(over_most.max(initial=0.0)), limit * _hidden_ratio_to_curve(r, gaps)),
-    )
+    beyond = _anywhere(own, chosen)
+    known = limit * max(float(over_most.max(initial=0.0)), _hidden_ratio_to_curve(r, gaps))
+    most = known + limit * beyond.most
+    figure = _Figure(limit * float(over_least.max(initial=0.0)), size, most)
     verdict = figure.verdict(limit)
     why: list[str] = []
     if verdict == "not judged":
-        why = _open_reasons(own, chosen, size) or [WITHIN_UNCERTAINTY]
+        why = [
+            *_open_reasons(own, chosen, size),
+            *_reasons_of(beyond, known, most, limit, size),
+        ] or [WITHIN_UNCERTAINTY]
     return Assessment(
         r,
         size,
@@ -961,7 +1030,8 @@ def _side_lines_in_case(
     most = np.concatenate([np.zeros((0, 2)), *(gap.most for gap in gaps)])
     if not np.all(np.isfinite(most)):
         return math.inf
-    return evaluate_metric(r, f, most, side_densities(there))
+    beyond = _anywhere(r, there).of(r.statistic)
+    return evaluate_metric(r, f, most, side_densities(there)) + beyond
 
 
 def _percentile_gaps(

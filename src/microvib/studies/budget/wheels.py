@@ -32,6 +32,7 @@ from microvib.studies.budget.files import Requirement, Wheel, WheelMode
 from microvib.studies.budget.side_lines import (
     MAX_METRIC_GAIN,
     MAX_METRIC_WEIGHT,
+    Anywhere,
     SideLines,
     TurningDrives,
 )
@@ -137,7 +138,16 @@ class WheelOnCraft:
     @cached_property
     def _swept_side_lines(self) -> SideLines | None:
         shafts = [self._over_grid(one.motion) for one in self.turning.shafts]
-        return self.turning.of_sweep(self.grid, self._rotor_motions, shafts)
+        return self.turning.of_sweep(self.grid, self._rotor_motions, shafts, self._anywhere())
+
+    def _anywhere(self) -> tuple[Anywhere, ...]:
+        """Motion that friction and motors make of the orders at frequencies that are not known."""
+        friction, norm = self.turning.friction, 0.0
+        if friction.switches:
+            norm = float(self._over_grid(friction.norm_of_forces).max(axis=1).sum())
+        swings = [self._over_grid(one.motion) for one in self.turning.sines]
+        peaks = [float(u.max(axis=1).sum()) for u in swings]
+        return self.turning.anywhere(norm, peaks, peaks)
 
     @cached_property
     def _beside(self) -> np.ndarray:
