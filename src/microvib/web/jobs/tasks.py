@@ -249,7 +249,7 @@ def quiet(  # noqa: PLR0913 - what a process is sent
     best = ["searching"]
     found = search_quieter(
         scenario, objective, levers, bits=bits, cases=cases, effort=effort, files=FILES,
-        progress=lambda done, total: tell(done, total, "settings", best[-1]),
+        progress=lambda done, total: tell(done, total, "runs", best[-1]),
         on_best=lambda text: best.append(f"best so far {text}"),
     )  # fmt: skip
     _write(folder, results.quiet_result(found, limit))
