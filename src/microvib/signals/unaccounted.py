@@ -324,7 +324,7 @@ def _in_pieces(
         known = (1.0 + bands.line_error) ** 2 * of_lines
         if not np.any(all_of > known + under + by_chance):
             continue
-        more = np.where(all_of > known + under + by_chance, all_of - known - noise, 0.0)
+        more = np.where(all_of > known + under + by_chance, all_of - of_lines - noise, 0.0)
         i = int(np.argmax(more))
         start, stop, times = _loud(all_of, i, starts / sample_rate, duration)
         band = k + _loudest_part(samples[i], lines[i], bands.edges[k : after + 1] * duration)
