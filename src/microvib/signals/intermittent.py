@@ -30,9 +30,11 @@ _FIRST_BIN = 4
 _FINER = 2
 """Bins that are computed for one of a piece: a tone between two of them is at most 4 % larger."""
 _LOUDER = 1.3
-"""Times its RMS over all pieces that a bin must have in one to count: what is steady has it once."""
+"""Times its RMS over all pieces that a bin without a line about it must have in one to count: what is
+steady has it once.
+"""
 _LOUDER_THAN_LINES = 1.02
-"""Times the largest line of a period about it that a bin must have in a piece of it to count."""
+"""Times the largest line about it that a bin must have in a piece to count."""
 _REACH = 2
 """Bins of a piece on either side within which a line is about it."""
 _NEAR_LINE = 1.0
@@ -87,7 +89,9 @@ def intermittent_peaks(
         largest, mean, with_lines = _bins_of_pieces(x, size, added)
         at = np.arange(largest.size) / (_FINER * length)
         about = _largest_about(_sizes_of(tones, turns, size), _FINER * _REACH)
-        counts = (largest > _LOUDER * mean) & (with_lines > _LOUDER_THAN_LINES * about)
+        counts = np.where(
+            about > 0.0, with_lines > _LOUDER_THAN_LINES * about, largest > _LOUDER * mean
+        )
         if noise is not None:
             counts &= largest > _OVER_NOISE * math.sqrt(duration / length) * np.interp(at, *noise)
         counts &= (at >= _FIRST_BIN / length) & (at <= PASSBAND * sample_rate)
