@@ -204,8 +204,8 @@ class UnusableRange:
 
 @dataclass(frozen=True)
 class MaskedLine:
-    """What a line of the background may hide in a recording that has none there: as much again, in
-    opposite phase.
+    """Bound on what a line of the background may hide in a recording that has none there: as much
+    again, in opposite phase.
     """
 
     low: float

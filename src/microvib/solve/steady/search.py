@@ -33,7 +33,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.steady.arrival import PeriodicMotion, confirm_reached_from_rest
-from microvib.solve.steady.from_rest import RingingTimes, RunFromRest
+from microvib.solve.steady.from_rest import RingingTimes, RunFromRest, rms
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
 from microvib.solve.steady.segments import MAX_SEGMENTS, SegmentEnds, Segments
 
@@ -41,6 +41,10 @@ CONVERGED = 1e-5
 """Last correction, over what a microstep moves, below which a state is accepted."""
 CONVERGED_STALLED = 5e-4
 """Convergence bound where corrections have stopped falling, limited by the tolerance of the integration."""
+TORQUE_STALLED = 0.01
+"""Change of the torque by the correction before, over its RMS, up to which such a state is accepted: where
+microsteps are smooth, what they move is no measure of it.
+"""
 WARM_UP = 0.07
 """Time [s] simulated before a search, for fast motions to settle, or MAX_SWEEPS segments if that is
 less.
@@ -112,6 +116,8 @@ class Search:
     what a microstep moves.
     """
 
+    ends: SegmentEnds
+
     def __init__(
         self, period: PeriodMap, confirmed: bool = False, segments: int = MAX_SEGMENTS
     ) -> None:
@@ -158,6 +164,7 @@ class Search:
         self.distance = math.inf
         for step in range(MAX_STEPS):
             sampled = self.distance < SAMPLED_BELOW
+            before = self.ends.T_d if step and sampled else np.zeros(0)
             self.x, self.ends = self._advance(x, self.rows if sampled else 0)
             if self.newton is None or (step and self.distance > RENEW_ABOVE):
                 self.newton = _Newton(self._derivatives(self.ends.x[-1]))
@@ -165,6 +172,8 @@ class Search:
             last, self.distance = self.distance, float(np.max(np.abs(x - self.x)))
             falls = self.distance < last and step + 1 < MAX_STEPS
             if sampled and self.distance < (CONVERGED if falls else CONVERGED_STALLED):
+                if self.distance >= CONVERGED and not _is_alike(self.ends.T_d, before):
+                    continue
                 self._check_stable()
                 self._check_settles()
                 return
@@ -396,6 +405,15 @@ class Search:
         confirm_reached_from_rest(run, found, waited=self.confirmed)
         self.from_rest = run.simulated
         period.evaluations += run.simulated * period.frequency
+
+
+def _is_alike(T_d: np.ndarray, before: np.ndarray) -> bool:
+    """Whether a torque (n,) is that of the state before it was corrected; where nothing was sampled then,
+    it is not known to be.
+    """
+    if before.size != T_d.size:
+        return False
+    return rms(T_d - before) <= TORQUE_STALLED * rms(T_d)
 
 
 class _Newton:
