@@ -379,8 +379,10 @@ def quantile(x: np.ndarray, q: float) -> Estimate:
 
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = int(binom.ppf(tail, n, q)) - 1, int(binom.ppf(1.0 - tail, n, q))
+    with np.errstate(invalid="ignore"):  # between two infinite draws it is not known
+        value = float(np.quantile(ordered, q))
     return Estimate(
-        float(np.quantile(ordered, q)),
+        value,
         float(ordered[max(low, 0)]),
         float(ordered[min(high, n - 1)]),
     )
