@@ -117,6 +117,8 @@ class Shape:
     residuals: tuple[ModeResidual, ...]
     """In the linearised drive; none of a shape that allows for what that lacks."""
     runs: tuple[Run, ...]
+    searched: bool = False
+    """Whether the runs are those of a search for the worst drive."""
     between: float = 0.0
     """How much more than in the runs that count a mode may ring with between them, over its limit."""
 
@@ -167,9 +169,15 @@ class Shape:
             return "fail"
         if not each or "not judged" in each or self.linear_over_limit > 1.0:
             return "not judged"
-        if self.over_limit + self.between > 1.0:
+        if not self.searched or self.over_limit + self.between > 1.0:
             return "not judged"
         return "pass"
+
+    @property
+    def may_pass(self) -> bool:
+        """Whether the runs so far and the linearised drive keep the limit."""
+        each = [run.verdict for run in self.runs if run.counts]
+        return all(one == "pass" for one in each) and self.linear_over_limit <= 1.0
 
     @property
     def linear_over_limit(self) -> float:
@@ -709,7 +717,7 @@ class _Study:
             profile = self.manoeuvre.profile(transitions)
             runs = () if calls is None else self._runs(name, self.ends, profile, calls)
             shape = self._shape(name, profile, runs)
-            if calls is not None and shape.verdict == "pass":
+            if calls is not None and shape.may_pass:
                 shape = self._proven(shape, calls)
             found.append(shape)
         if calls is not None:
@@ -720,7 +728,7 @@ class _Study:
         """A shape with the runs of a search for the worst drive."""
         worst = self._searched(shape.profile, calls)
         runs = tuple(self._as_runs(shape.name, worst.cases, worst.ringing, True))
-        return replace(shape, runs=runs, between=worst.between)
+        return replace(shape, runs=runs, searched=True, between=worst.between)
 
     def _runs(
         self,

@@ -18,6 +18,11 @@ MOST_RUNS = 300
 """Runs after which the search ends, whatever may still be between them."""
 _FREQUENCIES = 9
 """Points over the frequencies to begin with."""
+_SHARE = 0.3
+"""Part of what may be between two runs from which their axis is worth a run."""
+_NEAREST = 4
+_SAFETY = 2.0
+"""Factor on a curvature, which is a mean over three points."""
 Point = tuple[float, float, float]
 """Frequency, damping and friction over the nominal ones."""
 Measured = tuple[Case, tuple[Ringing, ...]]
@@ -56,8 +61,9 @@ def search_worst(
 
     Along each of frequency, damping and friction the ringing, as a complex number, lies between two
     runs within the curvature that three runs tell of the straight line between them: it is at most
-    the larger one and an eighth of the second difference. Where this is above the worst run by more
-    than ``TOLERANCE``, a run halfway is made.
+    the larger one and a quarter of the second differences along all of these, twice what an even
+    curvature would make. Where this is above the
+    worst run by more than ``TOLERANCE``, a run halfway is made along the axes that curve most.
 
     Parameters
     ----------
@@ -79,12 +85,16 @@ def search_worst(
         found |= dict(zip(new, measure(new), strict=True))
         size = {at: _over_limit(one, limits) for at, one in found.items()}
         worst = max(float(np.max(most)) for _, most in size.values())
-        gaps = list(_gaps(size))
-        wide = {at for most, at in gaps if most > worst + TOLERANCE}
+        bounds = list(_bounds(size))
+        wide = {
+            gap.middle
+            for most, gap in bounds
+            if most > worst + TOLERANCE and gap.bulge >= _SHARE * (most - gap.ends)
+        }
         new = sorted(wide - set(found))[: max(MOST_RUNS - len(found), 0)]
         if not new:
             break
-    between = max((most - worst for most, _ in gaps), default=0.0)
+    between = max((most - worst for most, _ in bounds), default=0.0)
     cases, ringing = zip(*found.values(), strict=True)
     return Searched(cases, ringing, max(between, 0.0))
 
@@ -99,32 +109,68 @@ def _over_limit(
     return value, np.array([one.most for one in ringing]) / allowed
 
 
-def _gaps(
-    size: dict[Point, tuple[np.ndarray, np.ndarray]],
-) -> Iterator[tuple[float, Point]]:
-    """What a mode may ring with over its limit between neighbouring points, and the middle of them."""
-    for axis in range(3):
-        lines: dict[tuple[float, ...], list[Point]] = {}
-        for at in sorted(size):
-            lines.setdefault((*at[:axis], *at[axis + 1 :]), []).append(at)
-        for points in lines.values():
-            if len(points) >= 3:
-                yield from _gaps_of_line(axis, points, size)
+@dataclass(frozen=True)
+class _Gap:
+    """Two neighbouring points along an axis: 0 frequency, 1 damping, 2 friction."""
+
+    axis: int
+    middle: Point
+    ends: float
+    """Larger ringing of both, over its limit."""
+    bulge: float
+    """How much the ringing between them is off a straight line, by the second differences there."""
+
+
+def _bounds(size: dict[Point, tuple[np.ndarray, np.ndarray]]) -> Iterator[tuple[float, _Gap]]:
+    """What a mode may ring with over its limit about each gap: that of its ends and what is off a
+    straight line along all axes.
+    """
+    gaps = [list(_gaps(axis, size)) for axis in range(3)]
+    for axis, along in enumerate(gaps):
+        others = [_NearBulges(other) for k, other in enumerate(gaps) if k != axis and other]
+        for gap in along:
+            yield gap.ends + gap.bulge + sum(near.at(gap.middle) for near in others), gap
+
+
+class _NearBulges:
+    """Bulges along one axis by place."""
+
+    def __init__(self, gaps: Sequence[_Gap]) -> None:
+        self._places = np.array([gap.middle for gap in gaps])
+        self._bulges = np.array([gap.bulge for gap in gaps])
+        self._spans = np.maximum(np.ptp(self._places, axis=0), 1e-9)
+
+    def at(self, place: Point) -> float:
+        """The largest of the nearest."""
+        away = np.sum(((self._places - np.array(place)) / self._spans) ** 2, axis=1)
+        return float(np.max(self._bulges[np.argsort(away, kind="stable")[:_NEAREST]]))
+
+
+def _gaps(axis: int, size: dict[Point, tuple[np.ndarray, np.ndarray]]) -> Iterator[_Gap]:
+    """Gaps between neighbouring points along an axis, on lines of three points or more."""
+    lines: dict[tuple[float, ...], list[Point]] = {}
+    for at in sorted(size):
+        lines.setdefault((*at[:axis], *at[axis + 1 :]), []).append(at)
+    for points in lines.values():
+        if len(points) >= 3:
+            yield from _gaps_of_line(axis, points, size)
 
 
 def _gaps_of_line(
     axis: int, points: Sequence[Point], size: dict[Point, tuple[np.ndarray, np.ndarray]]
-) -> Iterator[tuple[float, Point]]:
+) -> Iterator[_Gap]:
     x = np.array([at[axis] for at in points])
     values = np.array([size[at][0] for at in points])
     most = np.array([size[at][1] for at in points])
     slope = np.diff(values, axis=0) / np.diff(x)[:, None]
     curvature = np.abs(2.0 * np.diff(slope, axis=0) / (x[2:] - x[:-2])[:, None])
     for k in range(x.size - 1):
-        about = np.max(curvature[max(k - 1, 0) : k + 1], axis=0)
-        bulge = 0.125 * (x[k + 1] - x[k]) ** 2 * about
+        about = np.max(curvature[max(k - 1, 0) : k + 1])
         middle = list(points[k])
         middle[axis] = round(float(0.5 * (x[k] + x[k + 1])), 12)
-        yield float(np.max(np.maximum(most[k], most[k + 1]) + bulge)), (
-            middle[0], middle[1], middle[2],
-        )  # fmt: skip
+        yield _Gap(
+            axis,
+            (middle[0], middle[1], middle[2]),
+            float(np.max(most[k : k + 2])),
+            float(_SAFETY * 0.125 * (x[k + 1] - x[k]) ** 2 * about),
+        )
