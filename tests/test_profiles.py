@@ -34,7 +34,7 @@ from microvib.studies.profiles.shapes import (
     zero_vibration,
 )
 from microvib.studies.profiles.shortest import Bounds, samples_of, shortest_change
-from microvib.studies.profiles.worst import TOLERANCE, search_worst, start_points
+from microvib.studies.profiles.worst import TOLERANCE, search_worst, start_grid
 
 F, ZETA = 1.19, 0.01
 RATE = math.radians(0.06)
@@ -520,15 +520,15 @@ def test_the_worst_of_a_narrow_peak_is_found_and_what_is_left_is_bounded():
                 found.append((case, (Ringing(abs(c), float(np.angle(c)), abs(c), "ok"),)))
             return found
 
-        worst = search_worst(start_points(0.15, 0.5, 0.0), measured, lambda case: np.ones(1))
+        worst = search_worst(start_grid(0.15, 0.5, 0.0), measured, lambda case: np.ones(1))
         largest = max(one.most for (one,) in worst.ringing)
         true = max(
             abs(rings((f, d, 1.0)))
             for f in np.linspace(0.85, 1.15, 301) for d in np.linspace(0.5, 1.5, 101)
         )  # fmt: skip
-        assert largest >= true - 0.03
-        assert true <= largest + worst.between + 1e-3
-        assert worst.between <= TOLERANCE + 1e-9
+        assert largest >= true - TOLERANCE
+        assert true <= largest + worst.between
+        assert worst.between <= TOLERANCE
 
 
 def test_a_profile_keeps_its_limit_at_any_frequency_and_damping(state_1):
@@ -542,7 +542,7 @@ def test_a_profile_keeps_its_limit_at_any_frequency_and_damping(state_1):
     assert plan.best is not None
     most = plan.best.largest_ringing + plan.best.between * 4e-3
     assert most <= 4e-3
-    drawn = np.random.default_rng(1).uniform((0.85, 0.5), (1.15, 1.5), (60, 2)).tolist()
+    drawn = np.random.default_rng(1).uniform((0.85, 0.5), (1.15, 1.5), (25, 2)).tolist()
     for frequency, damping in ((1.0559, 0.5), *drawn):
         case = case_of(drive, ("array_mode_1",), frequency, damping, 1.0)
         (ringing,) = measure(case, plan.best.whole)

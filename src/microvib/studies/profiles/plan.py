@@ -29,7 +29,7 @@ from microvib.studies.profiles.rate_profile import RateProfile
 from microvib.studies.profiles.runs import Case, Ringing, case_of, measure, with_profile
 from microvib.studies.profiles.shapes import SHAPERS, ramp, s_curve, shaped, shortest_of
 from microvib.studies.profiles.shortest import Bounds, samples_of, shortest_change
-from microvib.studies.profiles.worst import Measured, Point, Searched, search_worst, start_points
+from microvib.studies.profiles.worst import Measured, Point, Searched, search_worst, start_grid
 from microvib.studies.workers import Calls, parallel_calls
 from microvib.units import GivenQuantity, quantity
 
@@ -704,7 +704,7 @@ class _Study:
             return list(zip(cases, measure_all(calls, cases, whole), strict=True))
 
         ranges = self.frequency_uncertainty, self.damping_uncertainty, self.friction_uncertainty
-        return search_worst(start_points(*ranges), measured, self.limits)
+        return search_worst(start_grid(*ranges), measured, self.limits)
 
     def shapes(self, calls: Calls | None) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
         """All shapes, and the names of those that would be too long."""

@@ -1,10 +1,10 @@
-"""The worst ringing over all that a drive may be: runs where it may still be larger, until nothing is left
-between them.
+"""The worst ringing over all that a drive may be: runs on a grid, which is made finer where the ringing may
+still be larger between them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -14,17 +14,15 @@ from microvib.studies.profiles.runs import Case, Ringing
 
 TOLERANCE = 0.02
 """Part of the limit to which the worst is found."""
-MOST_RUNS = 300
-"""Runs after which the search ends, whatever may still be between them."""
-_FREQUENCIES = 9
-"""Points over the frequencies to begin with."""
-_SHARE = 0.3
-"""Part of what may be between two runs from which their axis is worth a run."""
-_NEAREST = 4
+MOST_RUNS = 400
+"""Runs from which on the grid is made no finer, whatever may still be between them."""
+_FREQUENCIES, _OTHERS = 9, 3
+"""Points to begin with."""
 _SAFETY = 2.0
 """Factor on a curvature, which is a mean over three points."""
 Point = tuple[float, float, float]
 """Frequency, damping and friction over the nominal ones."""
+Axes = tuple[list[float], list[float], list[float]]
 Measured = tuple[Case, tuple[Ringing, ...]]
 
 
@@ -39,10 +37,9 @@ class Searched:
     """How much more than the largest of them a mode may ring with between the runs, over its limit."""
 
 
-def start_points(frequency: float, damping: float, friction: float) -> tuple[Point, ...]:
-    """Points over ranges of parts either way: nine frequencies, middle and ends of the others."""
-    frequencies = _over(frequency, _FREQUENCIES)
-    return tuple(product(frequencies, _over(damping, 3), _over(friction, 3)))
+def start_grid(frequency: float, damping: float, friction: float) -> Axes:
+    """Even points over ranges of parts either way: nine frequencies, middle and ends of the others."""
+    return _over(frequency, _FREQUENCIES), _over(damping, _OTHERS), _over(friction, _OTHERS)
 
 
 def _over(part: float, count: int) -> list[float]:
@@ -53,22 +50,22 @@ def _over(part: float, count: int) -> list[float]:
 
 
 def search_worst(
-    first: Sequence[Point],
+    axes: Axes,
     measure: Callable[[Sequence[Point]], Sequence[Measured]],
     limits: Callable[[Case], np.ndarray],
 ) -> Searched:
     """Search the largest ringing over its limit.
 
-    Along each of frequency, damping and friction the ringing, as a complex number, lies between two
-    runs within the curvature that three runs tell of the straight line between them: it is at most
-    the larger one and a quarter of the second differences along all of these, twice what an even
-    curvature would make. Where this is above the
-    worst run by more than ``TOLERANCE``, a run halfway is made along the axes that curve most.
+    In a cell of the grid the ringing, as a complex number, is taken to be off what is linear between
+    the corners by a quarter of the second differences along frequency, damping and friction at most,
+    twice what even curvatures would make. Where the largest corner and these are above the worst run by
+    more than ``TOLERANCE``, the cell is halved along the axis that curves most, and with it the
+    whole grid there.
 
     Parameters
     ----------
-    first : sequence of Point
-        Points of a grid to begin with, as of ``start_points``.
+    axes : three lists of float
+        Points of a grid to begin with, as of ``start_grid``.
     measure : callable
         Makes runs at points.
     limits : callable
@@ -80,97 +77,75 @@ def search_worst(
         All runs, and what may be between them.
     """
     found: dict[Point, Measured] = {}
-    new = list(first)
     while True:
+        new = [at for at in product(*axes) if at not in found]
         found |= dict(zip(new, measure(new), strict=True))
-        size = {at: _over_limit(one, limits) for at, one in found.items()}
-        worst = max(float(np.max(most)) for _, most in size.values())
-        bounds = list(_bounds(size))
-        wide = {
-            gap.middle
-            for most, gap in bounds
-            if most > worst + TOLERANCE and gap.bulge >= _SHARE * (most - gap.ends)
-        }
-        new = sorted(wide - set(found))[: max(MOST_RUNS - len(found), 0)]
-        if not new:
+        values, most = _on_grid(axes, found, limits)
+        bulges = [_bulges(values, axis, axes[axis]) for axis in range(3)]
+        off = [_of_cells(each, axis) for axis, each in enumerate(bulges)]
+        bound = np.max(_of_cells(most) + sum(off), axis=-1)
+        worst = float(np.max(most))
+        finer = _finer(axes, off, bound > worst + TOLERANCE)
+        if finer == axes or np.prod([len(x) for x in finer]) > MOST_RUNS:
             break
-    between = max((most - worst for most, _ in bounds), default=0.0)
+        axes = finer
     cases, ringing = zip(*found.values(), strict=True)
-    return Searched(cases, ringing, max(between, 0.0))
+    between = max(float(np.max(bound)) - worst, 0.0) if np.isfinite(worst) else np.inf
+    return Searched(cases, ringing, between)
 
 
-def _over_limit(
-    measured: Measured, limits: Callable[[Case], np.ndarray]
+def _on_grid(
+    axes: Axes, found: dict[Point, Measured], limits: Callable[[Case], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ringing of each mode over its limit, complex (n,), and what it is at most, (n,)."""
-    case, ringing = measured
-    allowed = limits(case)
-    value = np.array([one.value for one in ringing]) / allowed
-    return value, np.array([one.most for one in ringing]) / allowed
+    """Ringing of each mode over its limit, complex (f, d, u, n), and what it is at most."""
+    shape = (*(len(x) for x in axes), -1)
+    measured = [found[at] for at in product(*axes)]
+    allowed = [limits(case) for case, _ in measured]
+    values, most = (
+        [
+            [getattr(one, name) for one in ringing] / of
+            for (_, ringing), of in zip(measured, allowed, strict=True)
+        ]
+        for name in ("value", "most")
+    )
+    return np.reshape(values, shape), np.reshape(most, shape)
 
 
-@dataclass(frozen=True)
-class _Gap:
-    """Two neighbouring points along an axis: 0 frequency, 1 damping, 2 friction."""
-
-    axis: int
-    middle: Point
-    ends: float
-    """Larger ringing of both, over its limit."""
-    bulge: float
-    """How much the ringing between them is off a straight line, by the second differences there."""
-
-
-def _bounds(size: dict[Point, tuple[np.ndarray, np.ndarray]]) -> Iterator[tuple[float, _Gap]]:
-    """What a mode may ring with over its limit about each gap: that of its ends and what is off a
-    straight line along all axes.
+def _bulges(values: np.ndarray, axis: int, points: Sequence[float]) -> np.ndarray:
+    """How far the ringing may be off a straight line to the next point along an axis, at each point
+    but the last; 0 where there is one point.
     """
-    gaps = [list(_gaps(axis, size)) for axis in range(3)]
-    for axis, along in enumerate(gaps):
-        others = [_NearBulges(other) for k, other in enumerate(gaps) if k != axis and other]
-        for gap in along:
-            yield gap.ends + gap.bulge + sum(near.at(gap.middle) for near in others), gap
+    x, along = np.array(points), np.moveaxis(values, axis, 0)
+    if x.size < _OTHERS:
+        return np.zeros(values.shape)
+    step = np.diff(x).reshape(-1, *(1,) * (along.ndim - 1))
+    slope = np.diff(along, axis=0) / step
+    curvature = np.abs(2.0 * np.diff(slope, axis=0) / (step[1:] + step[:-1]))
+    about = np.maximum(
+        np.concatenate([curvature[:1], curvature]), np.concatenate([curvature, curvature[-1:]])
+    )
+    return np.asarray(np.moveaxis(_SAFETY * 0.125 * step**2 * about, 0, axis))
 
 
-class _NearBulges:
-    """Bulges along one axis by place."""
-
-    def __init__(self, gaps: Sequence[_Gap]) -> None:
-        self._places = np.array([gap.middle for gap in gaps])
-        self._bulges = np.array([gap.bulge for gap in gaps])
-        self._spans = np.maximum(np.ptp(self._places, axis=0), 1e-9)
-
-    def at(self, place: Point) -> float:
-        """The largest of the nearest."""
-        away = np.sum(((self._places - np.array(place)) / self._spans) ** 2, axis=1)
-        return float(np.max(self._bulges[np.argsort(away, kind="stable")[:_NEAREST]]))
+def _of_cells(values: np.ndarray, known: int = -1) -> np.ndarray:
+    """Largest of the corners of each cell, (f, d, u, n); along the axis ``known`` they are of cells
+    already.
+    """
+    for axis in range(3):
+        size = values.shape[axis]
+        if size > 1 and axis != known:
+            first, second = (np.take(values, range(k, size - 1 + k), axis) for k in (0, 1))
+            values = np.maximum(first, second)
+    return values
 
 
-def _gaps(axis: int, size: dict[Point, tuple[np.ndarray, np.ndarray]]) -> Iterator[_Gap]:
-    """Gaps between neighbouring points along an axis, on lines of three points or more."""
-    lines: dict[tuple[float, ...], list[Point]] = {}
-    for at in sorted(size):
-        lines.setdefault((*at[:axis], *at[axis + 1 :]), []).append(at)
-    for points in lines.values():
-        if len(points) >= 3:
-            yield from _gaps_of_line(axis, points, size)
-
-
-def _gaps_of_line(
-    axis: int, points: Sequence[Point], size: dict[Point, tuple[np.ndarray, np.ndarray]]
-) -> Iterator[_Gap]:
-    x = np.array([at[axis] for at in points])
-    values = np.array([size[at][0] for at in points])
-    most = np.array([size[at][1] for at in points])
-    slope = np.diff(values, axis=0) / np.diff(x)[:, None]
-    curvature = np.abs(2.0 * np.diff(slope, axis=0) / (x[2:] - x[:-2])[:, None])
-    for k in range(x.size - 1):
-        about = np.max(curvature[max(k - 1, 0) : k + 1])
-        middle = list(points[k])
-        middle[axis] = round(float(0.5 * (x[k] + x[k + 1])), 12)
-        yield _Gap(
-            axis,
-            (middle[0], middle[1], middle[2]),
-            float(np.max(most[k : k + 2])),
-            float(_SAFETY * 0.125 * (x[k + 1] - x[k]) ** 2 * about),
-        )
+def _finer(axes: Axes, off: Sequence[np.ndarray], wide: np.ndarray) -> Axes:
+    """Axes with points in the middle of cells that are ``wide``, each along the axis that curves most."""
+    most = np.array([np.max(each, axis=-1) for each in off])
+    steepest = np.argmax(most, axis=0)
+    finer: list[list[float]] = []
+    for axis, points in enumerate(axes):
+        there = np.nonzero(wide & (steepest == axis))[axis] if len(points) > 1 else ()
+        middles = {round(0.5 * (points[k] + points[k + 1]), 12) for k in set(there)}
+        finer.append(sorted({*points, *middles}))
+    return finer[0], finer[1], finer[2]
