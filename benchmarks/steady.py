@@ -1,12 +1,13 @@
 """The steady solver against time integration: speed and lines, on states 1-5 and on random
 parameter sets.
 
-``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500] [--any 300] [--rates
-30]``
+``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500]
+[--smooth 300] [--any 300] [--rates 30]``
 
 ``--chart`` adds points of state 1's rate chart, 0.01 to 0.3 deg/s and 8 to 64 microsteps.
 ``--heavy`` takes slow sets in which friction weighs much instead, and compares the RMS of the
-torque with that of a run from rest. ``--any`` takes drives of all kinds and compares RMS and
+torque with that of a run from rest, ``--smooth`` drives that ramp their microsteps, beside whose
+smooth turning friction may keep a mode ringing. ``--any`` takes drives of all kinds and compares RMS and
 largest lines with those of a run from rest of eight decay times of the slowest mode. ``--rates``
 plans rates of such drives with a limit that half of them pass, and looks at what a run from rest
 has at each rate that is allowed.
@@ -31,7 +32,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from support.scenarios import heavy_scenario, random_scenario, scenario_of_any_kind
+from support.scenarios import heavy_scenario, random_scenario, scenario_of_any_kind, smooth_scenario
 from support.steady_lines import long_run, settled_motion, slowest, worst_deviation
 
 import microvib as mv
@@ -52,6 +53,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--chart", type=int, default=0)
     parser.add_argument("--heavy", type=int, default=0)
+    parser.add_argument("--smooth", type=int, default=0)
     parser.add_argument("--any", type=int, default=0)
     parser.add_argument("--rates", type=int, default=0)
     arguments = parser.parse_args()
@@ -62,7 +64,10 @@ def main() -> None:
         of_any_kind(range(arguments.seed, arguments.seed + arguments.any))
         return
     if arguments.heavy:
-        from_rest(range(arguments.seed, arguments.seed + arguments.heavy))
+        from_rest(heavy_scenario, range(arguments.seed, arguments.seed + arguments.heavy))
+        return
+    if arguments.smooth:
+        from_rest(smooth_scenario, range(arguments.seed, arguments.seed + arguments.smooth))
         return
     steady_state(mv.load_scenario("state-1"))  # compiles, or loads what was compiled
     mv.simulate(mv.load_scenario("state-1"))
@@ -123,14 +128,14 @@ def _best_of(runs: int, call: Callable[[], Any]) -> tuple[float, Any]:
     return min(times), result
 
 
-def from_rest(seeds: Sequence[int]) -> None:
-    """Print the sets whose torque is off by more than 3 % RMS from that of a run from rest after
+def from_rest(drawn: Callable[[int], mv.Scenario], seeds: Sequence[int]) -> None:
+    """Print the ``drawn`` sets whose torque is off by more than 3 % RMS from that of a run from rest after
     eight of its slowest decays.
     """
     reasons: Counter[str] = Counter()
     found = []
     for seed in seeds:
-        scenario = heavy_scenario(seed)
+        scenario = drawn(seed)
         try:
             state = steady_state(scenario)
         except NotPeriodic as why:

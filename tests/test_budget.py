@@ -2348,3 +2348,37 @@ def test_a_bound_holds_at_every_frequency_that_lines_may_have(metric: str) -> No
             assert one.least <= moved * (1.0 + 1e-12)
             assert moved <= one.most * (1.0 + 1e-12)
         assert one.most < 1.005 * one.least
+
+
+# ---- Ranges ----
+
+
+def test_lines_of_sight_move_within_ranges_as_the_torque_is_said_to() -> None:
+    """Beside runs with other detent torques, which the full-step lines are proportional to."""
+    craft = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml")).with_({"record.start": "steady"})
+    key, part = "motor.detent_torque", 0.02
+    ranged = craft.with_sources({key: "assumed; range 0.008 N*m to 0.012 N*m"})
+    below, one, above = (
+        contribution_of_run("drive", scenario, mv.run_scenario(scenario))[0]
+        for scenario in (
+            craft.with_si({key: craft[key] * (1.0 - part)}),
+            ranged,
+            craft.with_si({key: craft[key] * (1.0 + part)}),
+        )
+    )
+    assert key in one.ranges
+    assert not below.ranges
+    for name in ("full_step_1", "drive_1"):
+        ends = [np.hypot(*np.abs(x.los[x.names.index(name)])) for x in (below, above)]
+        expected = 0.2 / part * (ends[1] - ends[0]) / (ends[1] + ends[0])
+        assert one.torque_spreads[name] == pytest.approx(abs(expected), rel=0.03, abs=2e-3)
+
+
+def test_contributors_show_how_far_they_move_within_ranges() -> None:
+    ranged = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml")).with_sources(
+        {"motor.detent_torque": "assumed; range 0.008 N*m to 0.012 N*m"}
+    )
+    budget = pointing_budget(ranged, EXAMPLES / "requirement.yaml", steady=True)
+    text = terminal_text(budget_outcome(budget))
+    assert "T_d ± (ranges)" in text
+    assert "motor.detent_torque" in text

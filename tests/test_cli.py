@@ -269,6 +269,20 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
             ],
             "at most 100 percent",
         ),
+        *(
+            (
+                ["identify", "state-1", "state-1:measured", "--fit", "reducer.stiffness", *given],
+                sentence,
+            )
+            for given, sentence in (
+                (
+                    ["--chain-error=-1 percent"],
+                    "chain-error: -1 percent is not allowed; it must be at least 0",
+                ),
+                (["--chain-width=0 Hz"], "chain-width: '0 Hz' is not allowed"),
+                (["--chain-width=2"], "chain-width: '2' needs a unit"),
+            )
+        ),
     ],
 )
 def test_bad_input_of_the_measurement_side(arguments, sentence, tmp_path):

@@ -179,11 +179,11 @@ def test_a_mode_that_rings_is_the_same_in_a_longer_record(state_1):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda x: 1e3 * x, "B would be like A divided by 1000, as in mN*m taken for N*m:"),
+        (lambda x: 1e3 * x, "B would be like A divided by 1000, as in mN*m taken for N*m"),
         (lambda x: -x, "B would be like A with its sign reversed:"),
         (
             lambda x: -1e-3 * x,
-            "B would be like A with its sign reversed and multiplied by 1000, as in N*m taken for mN*m:",
+            "B would be like A with its sign reversed and multiplied by 1000, as in N*m taken for mN*m",
         ),
         (lambda x: x[::-1], "B would be like A with its time reversed:"),
         (lambda x: 1.3 * x, ""),

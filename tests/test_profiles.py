@@ -20,7 +20,7 @@ from microvib.reports.outcome import terminal_text, text_files
 from microvib.reports.profiles import profile_outcome
 from microvib.studies.profiles.manoeuvre import Manoeuvre, lag
 from microvib.studies.profiles.modes import UncertainMode
-from microvib.studies.profiles.plan import FULL, LINEAR, STEP
+from microvib.studies.profiles.plan import FULL, LINEAR, STEP, Run
 from microvib.studies.profiles.rate_profile import RateProfile
 from microvib.studies.profiles.runs import Case, Ringing, case_of, legs_of, measure, with_profile
 from microvib.studies.profiles.shapes import (
@@ -437,6 +437,86 @@ def test_two_modes_by_the_linearised_drive(state_1):
     assert plan.best is None
     assert profile_outcome(plan).verdict == "not judged"
     assert plan[LINEAR].duration < plan["ZVD"].duration
+
+
+# ----------------------------------------------------------------------------- a limit over frequency
+
+
+def curve(*points) -> mv.Limit:
+    return mv.Limit.over_frequency([(f"{f} Hz", f"{a} mN*m") for f, a in points])
+
+
+@pytest.fixture(scope="module")
+def two_modes(state_1):
+    return state_1.with_si(TWO_MODES)
+
+
+def test_a_flat_curve_is_its_number(two_modes):
+    one = mv.plan_profile(two_modes, runs=False, limit="3 mN*m")
+    for same in (mv.Limit("3 mN*m"), curve((0.1, 3.0), (100.0, 3.0))):
+        found = mv.plan_profile(two_modes, runs=False, limit=same)
+        assert [shape.duration for shape in found.shapes] == [s.duration for s in one.shapes]
+        assert [s.residuals for s in found.shapes] == [s.residuals for s in one.shapes]
+        assert found.limit == one.limit
+
+
+def test_each_mode_keeps_the_limit_at_its_own_frequency(two_modes):
+    """Ten times as much for the second mode: its residual may be ten times as large, and the profile shorter."""
+    first, second = (mode.frequency for mode in mv.plan_profile(two_modes, runs=False).modes)
+    between = math.sqrt(first * second)
+    at = curve((0.1, 3.0), (between, 3.0), (between, 30.0), (100.0, 30.0))
+    plan = mv.plan_profile(two_modes, runs=False, limit=at)
+    even = mv.plan_profile(two_modes, runs=False, limit="3 mN*m")
+    allowed = {one.mode: one.limit for one in plan[LINEAR].residuals}
+    assert allowed["array_mode_1"] == pytest.approx(3e-3 / 1.1)
+    if "array_mode_2" in allowed:
+        assert allowed["array_mode_2"] == pytest.approx(30e-3 / 1.1)
+    assert plan[LINEAR].duration < even[LINEAR].duration
+    assert "limit 3 to 30 mN m from 0.1 to 100 Hz" in terminal_text(profile_outcome(plan))
+
+
+def test_a_notch_within_the_uncertainty_of_a_mode_counts_wherever_it_is(state_1):
+    """Between two of the frequencies that are run, too: a verdict is not decided by where a case is."""
+    (mode,) = mv.plan_profile(state_1, runs=False).modes
+    f = 1.0375 * mode.frequency  # runs are at 0.9, 1 and 1.1 of it, and checks at 1.025 and 1.05
+    notch = ((0.1, 20.0), (0.999 * f, 20.0), (f, 2.0), (1.001 * f, 20.0), (100.0, 20.0))
+    plan = mv.plan_profile(state_1, runs=False, limit=curve(*notch))
+    even = mv.plan_profile(state_1, runs=False, limit="2 mN*m")
+    assert [s.residuals for s in plan.shapes] == [s.residuals for s in even.shapes]
+    assert [s.duration for s in plan.shapes] == [s.duration for s in even.shapes]
+
+
+def test_a_run_fails_only_what_no_limit_at_its_frequency_allows():
+    ringing = Ringing(5e-3, 0.0, 5e-3, "decaying")
+    case = Case(mv.load_scenario("state-1"), ("array_mode_1",))
+    assert Run("step", case, "array_mode_1", ringing, 2e-3, 1.0).verdict == "fail"
+    between = Run("step", case, "array_mode_1", ringing, 2e-3, 1.0, fails_above=20e-3)
+    assert between.verdict == "not judged"
+    above = Run("step", case, "array_mode_1", ringing, 2e-3, 1.0, fails_above=4e-3)
+    assert above.verdict == "fail"
+
+
+def test_a_mode_where_the_limit_has_no_value_is_named_and_one_alone_is_refused(two_modes, state_1):
+    plan = mv.plan_profile(two_modes, runs=False, limit=curve((0.1, 3.0), (1.2, 3.0)))
+    assert [mode.name for mode in plan.modes] == ["array_mode_1"]
+    assert plan.not_limited == ("array_mode_2",)
+    said = terminal_text(profile_outcome(plan))
+    assert "Not limited, since the limit has no value at their frequencies: array_mode_2." in said
+    with pytest.raises(MicrovibError, match="from 20 to 100 Hz and limits no mode: array_mode_1"):
+        mv.plan_profile(state_1, runs=False, limit=curve((20.0, 3.0), (100.0, 3.0)))
+
+
+def test_the_command_takes_a_curve(tmp_path):
+    (tmp_path / "allowed.csv").write_text("frequency_hz,t_mnm\n0.5,2\n10,20\n")
+    words = ["profile", "state-1", "--linear", "--limit", str(tmp_path / "allowed.csv")]
+    run = CliRunner().invoke(main, [*words, "-o", str(tmp_path / "plan")])
+    assert run.exit_code == 0, run.output
+    assert "limit 2 to 20 mN m from 0.5 to 10 Hz" in run.output
+    assert "fails by the most lenient one at its frequency" in " ".join(run.output.split())
+    (tmp_path / "loads.csv").write_text("frequency_hz,fx_n\n0.5,2\n10,20\n")
+    run = CliRunner().invoke(main, [*words[:-1], str(tmp_path / "loads.csv")])
+    assert run.exit_code != 0
+    assert "a rate profile looks at the torque about the drive axis alone" in run.output
 
 
 # ----------------------------------------------------------------------------- what is refused

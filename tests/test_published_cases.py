@@ -18,7 +18,8 @@ from microvib.errors import MicrovibError, ScenarioError
 from microvib.validation import kept_figures as kept
 from microvib.validation.assumed_ranges import described_drive
 from microvib.validation.cases_file import CasesTest
-from microvib.validation.cases_study import validate_cases
+from microvib.validation.cases_report import draw_separations
+from microvib.validation.cases_study import CasesValidation, compare_with_kept, validate_cases
 from microvib.validation.comparisons import bar_of
 from microvib.validation.loading import load_published
 from microvib.validation.metrics import (
@@ -445,3 +446,17 @@ def test_all_tests_are_shown_by_one_command(tmp_path):
         assert (tmp_path / "out" / name / "report.html").is_file()
         assert (tmp_path / "out" / name / "separations.png").is_file()
     assert (tmp_path / "out" / "solar-array-simulator" / "validation.csv").is_file()
+
+
+def test_axes_of_the_picture_say_what_was_counted_or_compared():
+    """A count is called by its metric, a ratio of figures a ratio."""
+    labels = {}
+    for name in ("common-sada", "sentinel-4"):
+        test = load_published(name)
+        drive, draws = described_drive(test, name), kept.kept_figures(name, test)
+        compared = compare_with_kept(drive, draws.figures[0], draws)
+        found = CasesValidation(name, drive, compared, draws.figures[0], draws, ())
+        figure = draw_separations(found, [x for x in compared if x.separations])
+        labels[name] = {ax.get_ylabel() for ax in figure.axes if ax.get_title()}
+    assert labels["common-sada"] == {"lost steps"}
+    assert labels["sentinel-4"] == {"ratio"}

@@ -45,8 +45,17 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def found(drive: mv.Scenario, kept: Path) -> QuietDrive:
-    return quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=kept)
+def told() -> list[tuple[float, float]]:
+    """What the search of ``found`` tells of how far it is."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def found(drive: mv.Scenario, kept: Path, told: list[tuple[float, float]]) -> QuietDrive:
+    def progress(done: float, total: float) -> None:
+        told.append((done, total))
+
+    return quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=kept, progress=progress)
 
 
 # ---- Lines of a settled drive ----
@@ -239,6 +248,22 @@ def test_cases_count_from_their_worst_start(found: QuietDrive) -> None:
     text = terminal_text(quiet_outcome(found))
     assert "several motions" in text
     assert "assumed" in text
+
+
+def test_a_search_tells_each_run_from_the_first_moment(
+    found: QuietDrive, told: list[tuple[float, float]]
+) -> None:
+    """Of the runs that judge, too, which are most of a short search."""
+    done = np.array([one for one, _ in told])
+    total = told[-1][1]
+    assert done[0] == 0.0
+    assert np.all(np.diff(done) >= 0.0)
+    assert len({whole for _, whole in told[2:]}) == 1
+    assert np.sum(np.diff(done) == 1.0) >= 0.5 * found.runs
+    judging = 3 * (1 + len(found.cases.judged)) * len(STARTS)
+    inside = done[(done > total - judging) & (done < total)]
+    assert np.max(np.diff(inside)) <= 2 * len(STARTS)
+    assert done[-1] == total or found.best_nominal is None
 
 
 def test_an_interrupted_search_goes_on_from_its_file(

@@ -4,6 +4,7 @@ stands in a background is not the drive's.
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,8 +16,11 @@ from microvib.signals.line_table import IN_BACKGROUND
 from microvib.studies.analyse import analyse
 from microvib.studies.compare import misread
 from microvib.studies.measure import measure
+from microvib.studies.misreading import common_scale, consensus
 from microvib.testdata.bench import measure as bench_measure
 from microvib.testdata.recording import Recording
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +91,116 @@ def test_swapped_axes_are_told(tests, other):
         assert f"{other} of B has the lines of Mz of A" in hints(a, swapped(b, other), guide)
         assert f"{other} of A has the lines of Mz of B" in hints(swapped(a, other), b, guide)
     assert "by 1000, as in mN*m taken for N*m" in hints(a, swapped(times(b, 1e3), other), scenario)
+
+
+@pytest.fixture(scope="module")
+def on_soft_table(tests) -> Recording:
+    """The drive on a table with a resonance amid its lines: three lines in five are off by more than 25 %."""
+    scenario, *_ = tests
+    bench = load_bench(str(ROOT / "examples" / "acceptance" / "bench.yaml"))
+    return replace(measure(scenario, bench, seed=5), table=None, title="soft table")
+
+
+def test_a_resonance_of_a_table_is_no_factor_no_sign_and_no_axis(tests, on_soft_table):
+    scenario, a, _ = tests
+    assert hints(a, on_soft_table, scenario) == hints(on_soft_table, a, scenario) == ""
+    assert hints(on_soft_table, scenario) == ""
+
+
+@pytest.mark.parametrize("factor", [1e3, -1e-3])
+def test_a_factor_is_told_beside_a_resonance_of_the_table(tests, on_soft_table, factor):
+    scenario, a, _ = tests
+    how = "with its sign reversed and " if factor < 0.0 else ""
+    times_or_over = "divided" if abs(factor) > 1.0 else "multiplied"
+    for other in (a, scenario):
+        said = hints(times(on_soft_table, factor), other, scenario)
+        assert f"A would be like B {how}{times_or_over} by 1000, as in" in said
+        assert "lines follow within 10 %: check" in said
+
+
+def test_a_sign_and_an_axis_are_told_beside_a_resonance_of_the_table(tests, on_soft_table):
+    scenario, a, _ = tests
+    for other in (a, scenario):
+        said = hints(times(on_soft_table, -1.0), other, scenario)
+        assert said.startswith("A would be like B with its sign reversed: check")
+    said = hints(swapped(times(on_soft_table, 1e-3), "My"), a, scenario)
+    assert "My of A has the lines of Mz of B, multiplied by 1000, as in N*m taken for mN*m" in said
+
+
+FREQUENCIES = [3.3, 6.7, *(53.3 * k + 3.3 * m for k in range(1, 9) for m in (-1, 0, 1))]
+
+
+def resonant(frequencies, at: float, damping: float = 0.02):
+    """Logarithms of the amplification of a resonance."""
+    r = np.array(frequencies) / at
+    return -0.5 * np.log((1.0 - r * r) ** 2 + (2.0 * damping * r) ** 2)
+
+
+@pytest.mark.parametrize("at", [90.0, 160.0, 200.0, 310.0, 600.0])
+@pytest.mark.parametrize("factor", [1e3, 1e-3, 100.0])
+def test_a_factor_is_found_wherever_the_resonance_is(at, factor):
+    """At 90 Hz lines above fall far below the factor, at 600 Hz none is off by more than double."""
+    logs = resonant(FREQUENCIES, at)
+    rng = np.random.default_rng(round(at))
+    logs = logs + rng.normal(0.0, 0.01, logs.size) + math.log(factor)
+    found = common_scale(list(zip(FREQUENCIES, logs, strict=True)))
+    if at >= 160.0:
+        assert found == pytest.approx(math.log(factor), abs=1e-12)
+    else:  # two places alone follow it: no round factor is told then, but no other one either
+        assert found == 0.0 or not any(
+            math.isclose(found, math.log(f) * sign, abs_tol=1e-9)
+            for f in (1e3, 1e6, 100.0)
+            for sign in (1.0, -1.0)
+        )
+
+
+def test_one_resonant_line_hides_no_factor_and_makes_none():
+    logs = np.zeros(len(FREQUENCIES))
+    logs[5] = math.log(40.0)
+    assert common_scale(list(zip(FREQUENCIES, logs, strict=True))) == 0.0
+    found = common_scale(list(zip(FREQUENCIES, logs + math.log(1e3), strict=True)))
+    assert found == pytest.approx(math.log(1e3), abs=1e-12)
+    few = [
+        (10.0, math.log(1e3)),
+        (30.0, math.log(1e3)),
+        (90.0, math.log(4e4)),
+        (200.0, math.log(1e3)),
+    ]
+    assert common_scale(few) == pytest.approx(math.log(1e3), abs=1e-12)
+
+
+def test_a_minority_of_lines_in_another_unit_is_no_factor_of_all():
+    part = len(FREQUENCIES) // 3
+    logs = np.zeros(len(FREQUENCIES))
+    logs[:part] = math.log(1e3)
+    assert common_scale(list(zip(FREQUENCIES, logs, strict=True))) == 0.0
+
+
+@pytest.mark.parametrize("spread", [0.3, 0.7, 1.2, 2.0])
+def test_no_factor_is_made_of_scatter(spread):
+    """Lines that are off one by one: two drives that differ, or a model that is bad."""
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        logs = rng.normal(0.0, spread, len(FREQUENCIES))
+        assert common_scale(list(zip(FREQUENCIES, logs, strict=True))) == 0.0
+
+
+def test_no_unit_is_named_where_two_are_as_near():
+    """8.85 lbf in and 9.81 kgf m (of a newton metre) are 10 % apart, which no scatter of 20 % parts."""
+    logs = math.log(9.3) + np.array([-0.25, -0.12, 0.0, 0.13, 0.24])
+    places = [10.0, 20.0, 40.0, 80.0, 160.0]
+    found = common_scale(list(zip(places, logs, strict=True)))
+    assert found == pytest.approx(float(np.median(logs)))
+
+
+def test_a_line_and_its_sidebands_are_one_place():
+    alike = [(100.0 + k, 0.7) for k in range(8)]
+    others = [(3.0 * 2.0**k, 0.0) for k in range(4)]
+    found = consensus([*alike, *others])
+    assert found is not None
+    assert (found.logarithm, found.lines, found.of, found.places) == (0.0, 4, 12, 4)
+    assert not found.most
+    assert consensus(alike) is None
 
 
 def test_another_drive_has_no_hint_of_axes(tests):

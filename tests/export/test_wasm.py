@@ -6,9 +6,11 @@ import json
 import shutil
 import subprocess
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.pulse_scenarios import drawn, scenario_of
 
 import microvib as mv
 from microvib.export.native.wasm import export_wasm
@@ -23,6 +25,7 @@ pytest.importorskip("ziglang")
 STATE = mv.load_scenario("state-1", {"record.start": "rest"})
 RATE, SETTLE, SECONDS = 1024, 6, 16
 NEAR = 1e-9
+NODE_IS_THERE = pytest.mark.skipif(shutil.which("node") is None, reason="Node is not installed")
 SCRIPT = """
 import { loadModule } from "./drive.mjs";
 export async function run(bytes, begins, width, count) {
@@ -52,22 +55,30 @@ process.stdout.write(JSON.stringify(await run(readFileSync("drive.wasm"), begins
 """
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    made = export_wasm(STATE, tmp_path_factory.mktemp("wasm") / "drive")
+def exported(scenario, tmp_path_factory):
+    made = export_wasm(scenario, tmp_path_factory.mktemp("wasm") / "drive")
     (made / "script.mjs").write_text(SCRIPT)
     (made / "node.mjs").write_text(NODE)
     return made
 
 
 @pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return exported(STATE, tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
 def expected():
+    return torque_of(STATE)
+
+
+def torque_of(scenario):
     """T_d of the solver in Python."""
-    packed = pack(STATE)
+    packed = pack(scenario)
     rows = np.zeros((RATE * SECONDS, packed.columns))
     for begun, stop, here in ((0.0, SETTLE, rows[:0]), (SETTLE, SETTLE + SECONDS, rows)):
         samples = sample_buffer(here, float(SETTLE), 1.0 / RATE)
-        command = Command(STATE).microsteps(float(begun), float(stop))
+        command = Command(scenario).microsteps(float(begun), float(stop))
         assert packed.advance(float(stop), samples, *command) == kernel.OK
     return rows[:, kernel.T_D]
 
@@ -83,16 +94,30 @@ def check(found, expected):
     assert "a record has begun" in found["said"] or "not after" in found["said"]
 
 
-@pytest.mark.skipif(shutil.which("node") is None, reason="Node is not installed")
-def test_lines_in_node_are_those_of_python(folder, expected):
+def torque_in_node(folder, rows):
     done = subprocess.run(
-        ["node", "node.mjs", str(SETTLE), str(1.0 / RATE), str(len(expected))],
+        ["node", "node.mjs", str(SETTLE), str(1.0 / RATE), str(rows)],
         cwd=folder,
         capture_output=True,
         text=True,
         check=True,
     )
-    check(json.loads(done.stdout), expected)
+    return json.loads(done.stdout)
+
+
+@NODE_IS_THERE
+def test_lines_in_node_are_those_of_python(folder, expected):
+    check(torque_in_node(folder, len(expected)), expected)
+
+
+@NODE_IS_THERE
+@pytest.mark.parametrize("both", [False, True])
+def test_lines_of_pulses_in_node_are_those_of_python(both, tmp_path_factory):
+    """With diodes, and with a clamp that conducts either way."""
+    drive = replace(drawn(3), four_windings=both, both_ways=both)
+    scenario = scenario_of(drive, 60)
+    expected = torque_of(scenario)
+    check(torque_in_node(exported(scenario, tmp_path_factory), len(expected)), expected)
 
 
 def test_lines_in_a_browser_are_those_of_python(folder, expected):

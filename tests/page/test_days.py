@@ -182,6 +182,75 @@ def test_a_day_with_several_tests(opened: Any, recordings: Path) -> None:
     api.expect(several).to_contain_text("b1.uff (recording) against a1.uff (recording)")
 
 
+def test_a_day_on_the_force_table(opened: Any, recordings: Path) -> None:
+    """Tasks 8, 9 and 12: a hammer test, recordings without the table's dynamics and about another point, the
+    acceptance report."""
+    page = opened
+    the_drive(page, recordings)
+    send(page, recordings, "hits.uff", "off.uff", "b1.uff", "a1.uff")
+    assert float(amplitude(page, "drive_1", "#recording")) == pytest.approx(55.87, rel=1e-3)
+    blows = page.locator("#hammer")
+    blows.get_by_label("hits.uff", exact=True).check()
+    blows.get_by_label("Lever arm of hits.uff").fill("0.2 m")
+    page.fill("#hammer-mounted_mass", "12 kg")
+    blows.get_by_role("button", name="Find the response").click()
+    page.get_by_role("button", name="Correct recordings by it").click()
+    found = page.locator("#recording")
+    api.expect(found).to_contain_text("9 of 10 blows count")
+    api.expect(found).to_contain_text("double hit: 28 % again after 30 ms")
+    process(page)
+    corrected = "corrected from 1.113 to 154.7 Hz for the table's dynamics, by at most 24.9 %"
+    api.expect(found).to_contain_text(corrected)
+    assert float(amplitude(page, "drive_1", "#recording")) == pytest.approx(54.27, rel=1e-3)
+    assert float(amplitude(page, "drive_2", "#recording")) == pytest.approx(9.543, rel=1e-3)
+
+    several = page.locator("#several")
+    for name, unit in (("a1.uff", "A"), ("b1.uff", "B")):
+        several.get_by_label(name, exact=True).check()
+        several.get_by_label(f"Unit of {name}").fill(unit)
+    for field, name in (("template", "report.md"), ("data", "unit.yaml")):
+        page.set_input_files(f"#acceptance-{field}-file", recordings / name)
+        api.expect(page.locator(f"#acceptance-{field}")).to_have_value(
+            (recordings / name).read_text()
+        )
+    page.fill("#acceptance-limit", "60 mN*m")
+    page.fill("#acceptance-band", "1.5:120 Hz")
+    page.select_option("#acceptance-reference", "scenario")
+    page.check("#acceptance-hammer")
+    page.get_by_role("button", name="Make the report").click()
+    api.expect(found).to_contain_text("Limit of 60 mN m from 1.5 to 120 Hz: 2 runs, 2 pass.")
+    report = page.locator(
+        ".figures", has=page.get_by_role("heading", name="Acceptance", exact=True)
+    )
+    with page.expect_download() as coming:
+        report.get_by_role("button", name="report.html").click()
+    text = Path(coming.value.path()).read_text()
+    for words in ("Acceptance test of SADA of the example", "XY-SPEC-12", "Against the prediction"):
+        assert words in text, words
+
+    page.set_input_files("#recording-prepare-file", recordings / "moved.yaml")
+    process(page)
+    api.expect(found).to_contain_text("torques about [0.1, 0.05, 0.12] m")
+    page.fill("#recording-prepare", (recordings / "how.yaml").read_text())
+    process(page)
+    refused = "table_frf.file: 'table/frf.csv' names a file, and it did not come with the request"
+    api.expect(page.locator("#recording [role=alert]").first).to_contain_text(refused)
+    page.reload()
+    api.expect(found).to_contain_text("9 of 10 blows count")
+    api.expect(page.locator("#recording-prepare")).to_have_value(
+        (recordings / "how.yaml").read_text()
+    )
+    page.click("#tab-library")
+    kept = page.locator("#library tbody tr")
+    for kind in ("hammer test", "acceptance report"):
+        api.expect(kept.filter(has_text=kind)).to_have_count(1)
+    kept.filter(has_text="hammer test").get_by_role("button", name="Open").click()
+    page.get_by_role("button", name="Correct recordings by it").click()
+    api.expect(page.locator("#recording-prepare")).to_have_value(
+        re.compile("file: frf.csv\n  mounted_mass: 12 kg")
+    )
+
+
 SHEET = {
     "holding_torque": "0.5 N*m",
     "phases_on": "2",
@@ -241,17 +310,23 @@ def test_an_evening_on_a_craft(opened: Any, evening: Path) -> None:
     for key, text in (("from", "0.06 deg/s"), ("to", "0.064 deg/s"), ("count", "3")):
         page.fill(f"#rates-{key}", text)
     page.fill("#rates-microsteps", "16")
-    page.fill("#rates-limit", "20 mN*m")
-    page.fill("#rates-band", "1:10 Hz")
+    page.set_input_files("#rates-limit-file", evening / "allowed.csv")
+    api.expect(page.locator("#rates-limit")).to_have_value(re.compile("^frequency_hz,t_mnm"))
     page.get_by_role("button", name="Map", exact=True).click()
     page.locator("#campbell-plot .main-svg").first.wait_for()
     api.expect(page.locator("#rates")).to_contain_text("array_mode_3")
+    api.expect(page.locator("#rates")).to_contain_text("for a limit of 8 to 80 mN m")
+    limits = (
+        "document.querySelector('#largest-plot').data.filter((c) => c.name.startsWith('limit'))"
+    )
+    assert max(page.evaluate(f"{limits}[0].y")) == pytest.approx(80e-3)
     page.click("#tab-envelope")
     page.locator("#envelope").get_by_label("rates of Small craft").check()
     page.set_input_files("#envelope-limit-file", evening / "allowed.csv")
     api.expect(page.locator("#envelope-limit")).to_have_value(re.compile("^frequency_hz,t_mnm"))
     page.get_by_role("button", name="Find the envelope").click()
     found = page.locator("#envelope .figures")
+    api.expect(found).to_contain_text("Maximum of 7 members")
     api.expect(found).to_contain_text("FAIL; smallest margin -8.5 dB")
     api.expect(found).to_contain_text("full_step_1 at 3.4659 Hz, 21.40 mN m of 8.000 mN m")
     page.click("#tab-run")
@@ -339,3 +414,21 @@ def test_an_evening_with_the_budget_of_a_craft(opened: Any, evening: Path) -> No
     api.expect(budgets).to_have_count(4)
     budgets.last.get_by_role("button", name="Open").click()
     api.expect(page.locator("#budget .figures")).to_contain_text("wheel 1")
+
+
+def test_an_evening_with_two_designs_of_a_craft(opened: Any, evening: Path) -> None:
+    """Task 11 on the line of sight: the form is kept as one design and changed into the other."""
+    page = opened
+    page.set_input_files("#upload", evening / "spacecraft.yaml")
+    api.expect(page.locator("#title")).to_contain_text("Small craft")
+    page.click("#tab-budget")
+    page.check("#budget-steady")
+    choose(page, "requirement", evening / "requirement.yaml")
+    page.locator("#budget summary", has_text="Two designs").click()
+    page.get_by_role("button", name="Keep the scenario on the left as design B").click()
+    api.expect(page.locator("#budget-other")).to_have_value(re.compile("^title: Small craft"))
+    write(page, "driver.microsteps", "64")
+    found = assess(page, "Both designs pass all of 5 requirements.", "the second scenario")
+    row = re.sub(r"\s+", " ", found.locator("tr", has_text="P-1").first.inner_text())
+    assert row.startswith("P-1 0.02 0.005983 0.006014 +10.5 pass 0.006556 0.006638 +9.7 pass"), row
+    api.expect(found.get_by_role("button", name="designs.csv")).to_have_count(1)

@@ -8,10 +8,13 @@ from pathlib import Path
 import pytest
 from support.server import result, spec, wait
 
+import microvib as mv
 from microvib.reports.budget import budget_outcome
+from microvib.reports.designs import designs_outcome
 from microvib.reports.outcome import text_files
 from microvib.reports.typography import typeset_text
 from microvib.studies.budget.angles import budget_over_angles
+from microvib.studies.budget.designs import Designs
 from microvib.studies.budget.study import pointing_budget
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -80,6 +83,35 @@ def test_a_table_of_the_sources_comes_with_the_request(client, tmp_path):
     assert told["files"] == text_files(budget_outcome(expected))
 
 
+@pytest.mark.long
+def test_two_designs_are_those_of_the_library(client, tmp_path):
+    """The second with other microsteps and sources of its own, whose table comes with the request."""
+    fine = {**CRAFT, "changes": {"driver.microsteps": "64"}}
+    told = result(
+        client,
+        begun(
+            client, requirement=REQUIREMENT, other=fine, other_sources=WHEEL,
+            tables={"harmonics.csv": HARMONICS},
+        ),
+    )  # fmt: skip
+    (tmp_path / "harmonics.csv").write_text(HARMONICS)
+    (tmp_path / "wheel.yaml").write_text(WHEEL)
+    craft = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml"))
+    a, b = (
+        pointing_budget(
+            one, EXAMPLES / "requirement.yaml", names=["drive"], steady=True, sources=sources
+        )
+        for one, sources in (
+            (craft, ()),
+            (craft.with_({"driver.microsteps": 64}), tmp_path / "wheel.yaml"),
+        )
+    )
+    names = "the scenario in the form", "the second scenario"
+    expected = designs_outcome(Designs(names, a, b))
+    assert told["files"] == text_files(expected)
+    assert (told["summary"], told["verdict"]) == (expected.summary, expected.verdict)
+
+
 def test_what_is_wrong_in_a_table_is_said_under_the_name_that_it_was_sent_by(client, store):
     """Before anything is simulated, and without a folder of the server."""
     id = begun(client, sources=WHEEL, tables={"harmonics.csv": "order,radial_force_n\n1,2\n"})
@@ -137,6 +169,14 @@ NO_CURVE = "requirements: [{name: P-1, metric: rpe, window: 10 ms}]"
         ({"recording": "a1.uff"}, "recording", "not"),
         ({"prepare": "how.yaml"}, "prepare", "not"),
         ({"compare": "fine.yaml"}, "compare", "not"),
+        ({"other": CRAFT}, "requirement", "two designs are judged by the same requirements"),
+        ({"other": spec(), "requirement": REQUIREMENT}, "spacecraft", "on a spacecraft is expected"),
+        (
+            {"other_sources": WHEEL, "requirement": REQUIREMENT},
+            "sources",
+            "'harmonics.csv' names a file, and it did not come",
+        ),
+        ({"other_sources": "a: [b", "requirement": REQUIREMENT}, "sources", "is not valid YAML"),
     ],
 )  # fmt: skip
 def test_a_budget_that_cannot_be(client, more, key, words):

@@ -11,9 +11,12 @@ import yaml
 from support.server import SHORT, items, result, spec, wait
 
 import microvib as mv
+from microvib.io.limit_files import limit_from_text
 from microvib.io.modal_sources import modal_source
 from microvib.io.named import catalog_names
+from microvib.reports.angles import angles_outcome
 from microvib.reports.moving import MAX_DISPLACEMENT_RATIO, NOISE, shape_of_array, shape_of_craft
+from microvib.reports.outcome import text_files
 from microvib.studies.angles import sweep_angles
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "spacecraft.yaml"
@@ -59,6 +62,23 @@ def test_a_sweep_is_that_of_the_command_line(client):
     [picture] = items(first, "picture")
     assert picture["source"].startswith("data:image/svg+xml;base64,")
     assert json.loads(told["files"]["angles.json"])["angles_deg"] == [0.0, 45.0]
+
+
+def test_a_sweep_is_judged_at_each_angle_by_a_curve_of_torque_or_loads(client):
+    """As on the command line, and nothing between the angles; a limit is text, and no file."""
+    for curve in ("frequency_hz,t_mnm\n0.5,8\n400,80\n", "frequency_hz,mz_mnm\n1,500\n100,500\n"):
+        told = found(client, "angles", scenario=CRAFT, angles="0,45", limit=curve, band="1:90 Hz")
+        limit = limit_from_text(curve).within("1:90 Hz")
+        sweep = sweep_angles(
+            mv.load_scenario(EXAMPLE, CRAFT["changes"]), ["0 deg", "45 deg"], limit=limit
+        )
+        expected = angles_outcome(sweep)
+        assert told["verdict"] == expected.verdict
+        assert told["files"] == text_files(expected)
+        table = items(told["parts"][0], "table")[0]
+        assert [row["angle_deg"] for row in table["rows"]] == ["0", "45"]
+    for text in ("allowed.csv", "/etc/passwd", "5"):
+        assert refused(client, "angles", scenario=CRAFT, angles="0", limit=text)["key"] == "limit"
 
 
 @pytest.mark.parametrize(

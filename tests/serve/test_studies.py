@@ -12,7 +12,10 @@ from support.server import SHORT, items, result, spec, wait
 
 import microvib as mv
 from microvib.io.formats import READERS
+from microvib.io.limit_files import limit_from_text
 from microvib.io.recordings import write_recording
+from microvib.reports.rates import rates_outcome
+from microvib.studies.rates import plan_rates, rate_grid
 from microvib.testdata.recording import Recording
 from microvib.web.routes.new_jobs import RECORDINGS
 
@@ -213,6 +216,29 @@ def test_a_rate_plan_and_its_bad_options(client):
     ):  # fmt: skip
         answer = client.post("/api/rates", json={**asked, **more})
         assert (answer.status_code, answer.json()["key"]) == (422, key), answer.text
+
+
+def test_a_rate_plan_by_a_limit_over_frequency_is_that_of_the_library(client):
+    """The text of a table; each rate with the line that is nearest to it, and what it allows that line."""
+    curve = "frequency_hz,t_mnm\n0.5,8\n20,8\n20,60\n400,200\n"
+    asked = {"scenario": spec(), "from": "0.03 deg/s", "to": "0.06 deg/s", "count": 3}
+    found = result(client, client.post("/api/rates", json={**asked, "limit": curve}).json()["id"])
+    limit = limit_from_text(curve)
+    expected = plan_rates("state-1", rate_grid("0.03 deg/s", "0.06 deg/s", 3), [16], limit=limit)
+    assert found["summary"] == rates_outcome(expected).summary
+    assert found["verdict"] == rates_outcome(expected).verdict
+    nearest = [case["nearest"] for case in found["cases"]]
+    assert [one["line"] for one in nearest] == [expected.governing(x).name for x in expected.cases]
+    for one in nearest:
+        assert one["allowed"] == pytest.approx(8e-3) or one["allowed"] > 50e-3
+    for text, words in (
+        ("frequency_hz,fx_n\n1,2\n10,2\n", "a plan of rates looks at the torque"),
+        ("/etc/passwd", "limit"),
+        ("allowed.csv", "limit"),
+    ):
+        answer = client.post("/api/rates", json={**asked, "limit": text})
+        assert (answer.status_code, answer.json()["key"]) == (422, "limit"), answer.text
+        assert words in answer.json()["error"]
 
 
 def test_a_simulator_is_sized(client):

@@ -159,6 +159,27 @@ def heavy_scenario(seed: int) -> mv.Scenario:
     )
 
 
+def smooth_scenario(seed: int) -> mv.Scenario:
+    """State 1 with microsteps that ramp over their whole length, little detent torque and a reducer of
+    little damping: smooth turning is stable there, and friction may keep the drive ringing beside it.
+    """
+    r = np.random.default_rng(20_000 + seed)
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(r.uniform(math.log(low), math.log(high))))
+
+    return mv.load_scenario("state-1").with_si(
+        {
+            "driver.microsteps": int(r.choice([4, 8, 16])),
+            "driver.microstep_ramp": 1.0,
+            "motor.detent_torque": between(3e-4, 3e-3),
+            "reducer.stiffness": between(3e3, 2e4),
+            "reducer.damping": between(0.3, 1.0),
+            "tracking.rate": math.radians(between(0.03, 0.06)),
+        }
+    )
+
+
 def scenario_of_any_kind(seed: int) -> mv.Scenario:
     """A legal set of any kind of drive.
 

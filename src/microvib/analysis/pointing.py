@@ -34,6 +34,9 @@ LEFT_OUT = "left_out"
 """Column of a table of lines that says what is not in it, so that whoever reads the table alone
 passes no requirement by lines that were not looked at.
 """
+TORQUE_SPREAD = "torque_spread"
+"""Column of a budget's lines: how far the drive's torque moves in a line within the ranges that its
+sources note, over it."""
 _NOT_SOUGHT = (
     "lines that the run did not look for, which a budget of its scenario bounds (microvib budget)"
 )

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import click
 
-from microvib.cli.common import Target, load, set_option, target_options, with_precompilation
+from microvib.cli.common import (
+    Target,
+    load,
+    parse_limit,
+    set_option,
+    target_options,
+    with_precompilation,
+)
 from microvib.cli.progress import progress_bar
 
 
@@ -27,8 +34,9 @@ from microvib.cli.progress import progress_bar
 )
 @click.option(
     "--limit",
-    metavar="TORQUE",
-    help="Largest ringing of a mode at the end of it, e.g. '2 mN*m' [default: by --attenuation].",
+    metavar="TORQUE|FILE",
+    help="Largest ringing of a mode at the end of it, e.g. '2 mN*m', or a CSV file of a curve over frequency"
+    " [default: by --attenuation].",
 )
 @click.option(
     "--attenuation",
@@ -75,6 +83,7 @@ def profile(
     from microvib.studies.profiles.plan import plan_profile
 
     loaded = load(scenario, settings)
+    allowed = parse_limit(limit, None)
     with progress_bar("simulating", "runs") as progress:
         plan = plan_profile(
             loaded,
@@ -83,7 +92,7 @@ def profile(
             angle=angle,
             largest_rate=largest_rate,
             largest_acceleration=largest_acceleration,
-            limit=limit,
+            limit=allowed,
             attenuation=attenuation,
             frequency_uncertainty=frequency_uncertainty,
             damping_uncertainty=damping_uncertainty,

@@ -16,6 +16,8 @@ from microvib.units import quantity
 if TYPE_CHECKING:
     from microvib.model.torque_margin import MotorisationFactors
 
+_STATUS_INTERVAL = 10.0  # seconds between two lines of progress where there is no terminal
+
 
 @click.command()
 @click.argument("scenario")
@@ -117,7 +119,10 @@ def quiet(scenario: str, settings: tuple[str, ...], target: Target, **given: Any
         )
     allowed = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     best = _BestSoFar()
-    with progress_bar("searching", "settings") as progress, best:
+    with (
+        progress_bar("searching", "runs", lines_every=_STATUS_INTERVAL) as progress,
+        best,
+    ):
         found = search(
             loaded,
             constraints=constraints,

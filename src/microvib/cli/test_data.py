@@ -280,6 +280,17 @@ def measure(
     help="Scale error of a recording, common to all its amplitudes (standard deviation).",
 )
 @click.option(
+    "--chain-error",
+    default="0 percent",
+    help="Gain error of the measuring chain, which lines near each other share, in all recordings (standard deviation).",
+)
+@click.option(
+    "--chain-width",
+    metavar="FREQUENCY",
+    default="2 Hz",
+    help="How far apart lines are that still share the chain's error.",
+)
+@click.option(
     "--settle-error",
     metavar="TIME",
     help="Error of record.settle, the time before a recording (standard deviation) [default: not known].",
@@ -288,7 +299,7 @@ def measure(
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], channel: str,
     prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...], starts: int, seed: int, model_error: str,
-    common_error: str, settle_error: str | None, share: tuple[str, ...],
+    common_error: str, chain_error: str, chain_width: str, settle_error: str | None, share: tuple[str, ...],
     select: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or measured
@@ -306,10 +317,12 @@ def identify(
 
     loaded = load(scenario, settings)
     fit_keys = [parse_key(loaded, key) for key in keys]
-    each, common = (
+    each, common, chain = (
         _parse_relative_sd("model_error", model_error, 0.0),
         _parse_relative_sd("common_error", common_error, -1.0),
+        _parse_relative_sd("chain_error", chain_error, -1.0),
     )
+    width = quantity("chain_width", chain_width, "Hz", positive=True)
     prepared = read_preparation(prepare)
     effects = effects_of(_split_names(select))
     read, owned, tests = [], [], []
@@ -333,7 +346,7 @@ def identify(
     with progress_bar("searching") as progress:
         fit = run_identification(
             loaded, told, fit_keys, share=_split_names(share) or None, select=effects, seed=seed, starts=starts,
-            model_error=each, common_error=common,
+            model_error=each, common_error=common, chain_error=chain, chain_width=width,
             settle_error=settle_error, progress=_best_so_far(progress),
         )  # fmt: skip
     target.present(fit_outcome(fit, loaded))

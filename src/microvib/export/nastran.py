@@ -19,7 +19,7 @@ from pydantic import Field
 
 from microvib.errors import MicrovibError
 from microvib.export.contents import Densities, Phasors, densities, phasors
-from microvib.export.source import Source, source_at_interface
+from microvib.export.source import Source, no_source, source_at_interface
 from microvib.export.subject import Subject
 from microvib.io.files import library
 from microvib.io.tables import package_versions
@@ -251,11 +251,13 @@ def write_nastran(subject: Subject, path: Path, options: Any) -> None:
     Raises
     ------
     MicrovibError
-        Where the superelement is asked for and the array has no mass properties, a driven second wing
-        has no grid point, or pyyeti is not installed.
+        Where the superelement is asked for and the array has no mass properties or the drive no current
+        loop, a driven second wing has no grid point, or pyyeti is not installed.
     """
     deck, scenario = _Deck(options.field == "large"), subject.scenario
     chosen = options.contents or tuple(_without_asking(scenario))
+    if "superelement" in chosen:
+        _check_superelement(scenario, options)
     lines = phasors(subject.run)
     wings = _Loads.of_wings(scenario, [channel.name for channel in lines.channels], options)
     _comment_on_all(deck, subject, options)
@@ -279,6 +281,17 @@ def _without_asking(scenario: Scenario) -> Iterator[Content]:
     yield "densities"
     if scenario.spacecraft is None and scenario.array.mass is not None:
         yield "superelement"
+
+
+def _check_superelement(scenario: Scenario, options: NastranOptions) -> None:
+    """MicrovibError with what else can be written, where a scenario has no matrices."""
+    refusal = no_source(scenario, options.drive == "powered")
+    if refusal and scenario.array.mass is not None:
+        refusal += (
+            "; drive=locked has those of a locked hinge, contents=[lines, densities] loads alone"
+        )
+    if refusal:
+        raise MicrovibError(refusal)
 
 
 def _comment_on_all(deck: _Deck, subject: Subject, options: NastranOptions) -> None:

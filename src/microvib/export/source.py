@@ -67,7 +67,7 @@ def no_source(scenario: Scenario, powered: bool = True) -> str:
     if powered and scenario.driver.drive != "current":
         return (
             f"driver.drive: {scenario.driver.drive} is not allowed; matrices of a powered drive need a"
-            " current loop (current), or locked hinges"
+            " current loop (current)"
         )
     return ""
 

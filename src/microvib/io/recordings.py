@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from microvib.errors import OutputError, ScenarioError, expect
+from microvib.errors import OutputError, ScenarioError, expect, quoted_value
 from microvib.io.csv_cells import csv_text
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.io.files import as_read_errors, check_file
@@ -93,10 +94,35 @@ def load_preparation(path: Path | str) -> Preparation:
     path = Path(path)
     data = parse_yaml(read_text(path, "preparation", ()), str(path))
     files = WORKING_FOLDER.in_folder_of(str(path))
+    return _preparation(data, str(path), files, files.under("background").path)
+
+
+def preparation_from_text(
+    text: str, files: FileAccess, recordings: Mapping[str, str]
+) -> Preparation:
+    """As ``load_preparation``, of a file's text that came with a request: tables that it names are those that
+    ``files`` allows, its background is one of the ``recordings``, files by the names that their owner gave
+    them. ScenarioError if it is wrong.
+    """
+
+    def background(name: str) -> str:
+        if name not in recordings:
+            raise ScenarioError(
+                f"background: there is no recording {quoted_value(name)} here; load it, or choose another one"
+            )
+        return recordings[name]
+
+    return _preparation(parse_yaml(text, "prepare"), "prepare", files, background)
+
+
+def _preparation(
+    data: Any, origin: str, files: FileAccess, background_of: Callable[[str], Path | str]
+) -> Preparation:
+    """A preparation of its file's contents, with the tables that it names."""
     bench = None
     if isinstance(data, dict) and isinstance(data.get("bench"), str):
         bench = load_bench(data.pop("bench"), files.under("bench"))
-    preparation = validate_part(Preparation, data if data is not None else {}, origin=str(path))
+    preparation = validate_part(Preparation, data if data is not None else {}, origin=origin)
     if bench is not None:
         preparation = preparation.model_copy(update={"bench": bench})
     tables = [stage for stage in preparation.response if stage.file is not None]
@@ -106,7 +132,7 @@ def load_preparation(path: Path | str) -> Preparation:
     if preparation.background is None:
         background = None
     else:
-        background = str(files.under("background").path(preparation.background))
+        background = str(background_of(preparation.background))
     frf = preparation.table_frf
     if frf is not None and frf.file is not None:
         where = files.under("table_frf.file").path(frf.file)

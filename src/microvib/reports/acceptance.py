@@ -17,7 +17,7 @@ from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.comparison import comparison_outcome
 from microvib.reports.document import Block, Contents, Fact, Section, Text
 from microvib.reports.hammer import hammer_outcome
-from microvib.reports.outcome import Item, Outcome, Pairs, Picture, report_table, text_files
+from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture, report_table, text_files
 from microvib.reports.repeatability import repeatability_outcome
 from microvib.reports.run.margins import margin_tables
 from microvib.reports.typography import file_name
@@ -100,6 +100,30 @@ def acceptance_contents(
         sections=sections,
     )
     return files, report
+
+
+def acceptance_outcome(test: AcceptanceTest) -> Outcome:
+    """An acceptance test for those who read it, whatever the template of its report has: verdicts, conclusion,
+    and what the report's template may take.
+    """
+    whole, _, _ = _parts(test)
+    parts = (
+        ("", ("verdicts", "conclusion")),
+        ("The table", ("table_resonances",)),
+        ("Repeatability", ("repeatability", "outliers")),
+        ("Against the reference", ("comparison",)),
+    )
+    return Outcome(
+        "Acceptance report",
+        "Acceptance test",
+        f"{counted(len(test.runs), 'run')}, channel {test.channel}.",
+        test.verdict,
+        tuple(_facts(test)),
+        tuple(
+            Part(title, tuple(item for name in names for item in whole.items.get(name, ())))
+            for title, names in parts
+        ),
+    )
 
 
 class _Words(dict[str, Any]):
@@ -364,11 +388,17 @@ def read_template(path: Path) -> str:
 def read_words(path: Path) -> dict[str, Any]:
     """The user's words of a YAML file; MicrovibError where it is no mapping."""
     from microvib.io.named import read_text
+
+    return words_of(read_text(path, "data", ()), str(path))
+
+
+def words_of(text: str, name: str) -> dict[str, Any]:
+    """The user's words of a YAML text called ``name``; MicrovibError where it is no mapping."""
     from microvib.io.yaml_text import parse_yaml
 
-    data = parse_yaml(read_text(path, "data", ()), str(path))
+    data = parse_yaml(text, name)
     if not isinstance(data, dict) or not all(isinstance(key, str) for key in data):
         raise MicrovibError(
-            f"{path}: is not data of a report; lines such as 'unit: FM 2' are expected"
+            f"{name}: is not data of a report; lines such as 'unit: FM 2' are expected"
         )
     return data

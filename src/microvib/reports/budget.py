@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from microvib.analysis.margins import Verdict
-from microvib.analysis.pointing import LEFT_OUT
+from microvib.analysis.pointing import LEFT_OUT, TORQUE_SPREAD
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import brief_number, count_text
@@ -233,9 +233,31 @@ def _basis(budget: Budget) -> str:
             " their worst where they are asked for."
         )
     said = [f"Lines of one frequency in several sources add {_RULES[budget.rule]}."]
+    said += _ranges(budget)
     if budget.requirements and budget.requirements.source:
         said += [f"Required by: {budget.requirements.source}."]
     return " ".join([*said, *budget.without_steady, angles])
+
+
+def _ranges(budget: Budget) -> Iterator[str]:
+    """Sentences on the ranges that scenarios of drives note of their values."""
+    told = list(dict.fromkeys(one.ranges for one in budget.contributions if one.ranges))
+    yield from told
+    if told:
+        yield (
+            "T_d ± (ranges) is that part of the drive's torque in the line, which the line of sight"
+            " follows as far as it turns about the drive axis."
+        )
+
+
+def _torque_spread(budget: Budget, source: str, line: str) -> float:
+    """How far the torque of a source moves in a line within the ranges of its values, over the line;
+    nan where that is not known.
+    """
+    for one in budget.contributions:
+        if one.source == source and line in one.torque_spreads:
+            return one.torque_spreads[line]
+    return math.nan
 
 
 def _facts(budget: Budget) -> Iterator[Fact]:
@@ -271,6 +293,7 @@ _CONTRIBUTORS = (
     Column("frequency_hz", "frequency", FREQUENCY),
     Column("rms_rad", "rms", POINTING_ANGLE),
     Column("share", "share", SHARE),
+    Column(TORQUE_SPREAD, "T_d ± (ranges)", SHARE),
     Column("without_rad", "value without it", POINTING_ANGLE),
 )
 
@@ -282,7 +305,8 @@ def _contributors(budget: Budget) -> Table:
 
     def row(one: Assessment, x: Share) -> tuple[Any, ...]:
         said = one.requirement.text
-        return (_name(one), said, x.source, x.line, x.frequency, x.rms, x.share, x.without)
+        spread = _torque_spread(budget, x.source, x.line)
+        return (_name(one), said, x.source, x.line, x.frequency, x.rms, x.share, spread, x.without)
 
     ranked = [one for one in budget.judged if one.ranking]
     brief = 0
@@ -306,7 +330,9 @@ def _worst_sources(budget: Budget) -> Table:
     """Sources by what they contribute to each requirement, the largest on the first page of a report;
     a terminal has their lines.
     """
-    columns = tuple(x for x in _CONTRIBUTORS if x.key not in ("line", "frequency_hz"))
+    columns = tuple(
+        x for x in _CONTRIBUTORS if x.key not in ("line", "frequency_hz", TORQUE_SPREAD)
+    )
 
     def row(one: Assessment, x: Share) -> tuple[Any, ...]:
         return (one.requirement.name, one.requirement.text, x.source, x.rms, x.share, x.without)
@@ -396,7 +422,7 @@ def _lines(budget: Budget) -> Table:
     keys = (
         "source", "line", "frequency_hz", "los_x_rad", "los_y_rad", "los_x_phase_rad",
         "los_y_phase_rad", "settled", "los_x_least_rad", "los_y_least_rad", "los_x_most_rad",
-        "los_y_most_rad", LEFT_OUT,
+        "los_y_most_rad", TORQUE_SPREAD, LEFT_OUT,
     )  # fmt: skip
     left_out = left_out_of_lines(budget.contributions, len(budget.angles))
     rows = tuple(
@@ -409,7 +435,7 @@ def _lines(budget: Budget) -> Table:
 
 def _rows_of_lines(one: Contribution) -> Iterator[tuple[Any, ...]]:
     """Rows of a source's lines: source, name and frequency, both amplitudes and phases, whether they
-    are settled, and the amplitudes at least and at most.
+    are settled, the amplitudes at least and at most, and the spread of the drive's torque.
     """
     size, phase = np.abs(one.los), np.angle(one.los)
     if not one.phased:
@@ -419,7 +445,9 @@ def _rows_of_lines(one: Contribution) -> Iterator[tuple[Any, ...]]:
     ends[~np.isfinite(ends)] = np.nan  # then the row says so
     figures = np.hstack([one.frequency[:, None], size, phase])
     for k, name in enumerate(one.names):
-        yield one.source, name, *figures[k].tolist(), bool(one.settled[k]), *ends[k].tolist()
+        spread = one.torque_spreads.get(name, math.nan)
+        settled = bool(one.settled[k])
+        yield one.source, name, *figures[k].tolist(), settled, *ends[k].tolist(), spread
 
 
 _DRAWN: tuple[Metric, ...] = ("rpe", "mpe", "smear", "jitter")

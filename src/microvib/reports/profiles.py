@@ -265,7 +265,10 @@ def _manoeuvre_text(plan: ProfilePlan) -> str:
 def _limit_text(plan: ProfilePlan) -> str:
     if plan.limit is None:
         return f"{plan.attenuation:g} dB below a step"
-    return TORQUE_LIMIT.figure(plan.limit)
+    if plan.curve is None:
+        return TORQUE_LIMIT.figure(plan.limit)
+    least, most = TORQUE_LIMIT.text(plan.curve.least), TORQUE_LIMIT.figure(plan.curve.most)
+    return f"{least} to {most} from {plan.curve.low:g} to {plan.curve.high:g} Hz"
 
 
 def _uncertainty_text(plan: ProfilePlan) -> str:
@@ -322,8 +325,22 @@ def _sentences(plan: ProfilePlan) -> Iterator[str]:
         yield f"It is made for a begin {begin:.2f} microsteps after a full step."
     yield from _search_text(plan, shape)
     yield from _beside_the_verdict(shape)
+    if plan.curve is not None:
+        yield _by_curve_text(plan)
     for name in plan.too_long:
         yield f"{name}: too long at every length that keeps the limit."
+
+
+def _by_curve_text(plan: ProfilePlan) -> str:
+    """How a limit over frequency was used, and which modes it says nothing of."""
+    text = (
+        "Each mode passes by the strictest limit within the uncertainty of its frequency, and fails by the most"
+        " lenient one at its frequency in a run; what lies between is not judged."
+    )
+    if not plan.not_limited:
+        return text
+    names = ", ".join(plan.not_limited)
+    return f"{text} Not limited, since the limit has no value at their frequencies: {names}."
 
 
 def _best_text(plan: ProfilePlan, shape: Shape) -> str:
@@ -399,7 +416,7 @@ def draw_profiles(plan: ProfilePlan) -> Figure:
         _draw_ringing(right, plan, shape, colour)
     limit = -plan.attenuation
     if plan.limit is not None:
-        limit = decibel(plan.limit / (plan.modes[0].gain * plan.manoeuvre.largest_change))
+        limit = decibel(_drawn_limit(plan) / (plan.modes[0].gain * plan.manoeuvre.largest_change))
     right.axhline(limit, color="black", linewidth=1.2, linestyle="--")
     right.set(
         xlabel="error of the frequency [%]",
@@ -413,6 +430,13 @@ def draw_profiles(plan: ProfilePlan) -> Figure:
         *left.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7.5
     )
     return figure
+
+
+def _drawn_limit(plan: ProfilePlan) -> float:
+    """Limit of the mode whose ringing is drawn [N m], before it is lowered for the linearised drive."""
+    name = plan.modes[0].name
+    each = [one.limit for shape in plan.shapes for one in shape.residuals if one.mode == name]
+    return (1.0 + plan.frequency_uncertainty) * each[0]
 
 
 def _draw_rate(

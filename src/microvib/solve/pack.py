@@ -144,9 +144,9 @@ class Packed:
 
     def beside(self, scenario: Scenario) -> Packed:
         """Another drive with the state, the linear part and the scratch of this one; with tables of
-        its own for modes that differ. For replays alone.
+        its own for modes that differ. For replays alone, and so little another that it is finite.
         """
-        drive = _require_finite(_drive(scenario))
+        drive = _drive(scenario)
         drive = drive._replace(shaped=drive.shaped or self.drive.shaped)
         return replace(self, drive=drive, propagators=self._tables_for(drive))
 
@@ -155,6 +155,7 @@ class Packed:
         which decay within a step, so that deficits by them would be no cubics.
         """
         t, modal = self.propagators, moments(2, 2 if drive.H_m.size else 1)
+        t = t._replace(current=t.current + drive.current - self.drive.current)
         if self._differs(drive, ELECTRICAL_FIELDS):
             A = _linear_part(drive, self.state._replace(y=self.held))
             others = {x: np.zeros_like(getattr(t, x)) for x in ("nodes", "pieces", "modes", "sums")}
@@ -500,6 +501,7 @@ def _drive(scenario: Scenario) -> Any:
     rotor, output = _friction(motor.friction), _friction(scenario.friction)
     L, L_D = motor.winding_inductance, motor.winding_inductance + driver.derivative_gain
     load = scenario.load
+    moves = load.moves
     J_m, J_L, J_c = load.rotor_left, load.output_left, load.cross_left
     noise, noise_rate = torque_noise(scenario)
     rough, rough_rate = roughness(scenario)
@@ -578,9 +580,9 @@ def _drive(scenario: Scenario) -> Any:
         rough=rough,
         rough_rate=rough_rate,
         H=load.H,
-        H_m=load.R if load.moves else np.zeros(0),
-        V=load.V_l if load.moves else np.zeros(0),
-        V_m=load.V_m if load.moves else np.zeros(0),
+        H_m=load.R if moves else np.zeros(0),
+        V=load.V_l if moves else np.zeros(0),
+        V_m=load.V_m if moves else np.zeros(0),
         D=load.D,
         Lam=load.Lambda,
         te=_transmission_error(scenario),

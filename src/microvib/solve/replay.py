@@ -23,6 +23,7 @@ from microvib.solve.frame import (
 from microvib.solve.kernel import (
     COMPILE,
     FORCED,
+    INLINE,
     NOT_FINITE,
     NOW,
     OK,
@@ -75,10 +76,12 @@ def _locate(u, which, level, x, p, t, w):
         e = margin_within(u, which, level, x, p, t, w)
         if e == before:
             break
-        change = e * (u - last) / (before - e)
+        way = u - last
+        change = e * way / (before - e)
         last, before = u, e
         u += change
-        if math.fabs(change) < LOCATED:
+        # what is left is of the order of the product of the last two changes
+        if math.fabs(change) * max(math.fabs(way), math.fabs(change)) < LOCATED:
             break
     margin_within(u, which, level, x, p, t, w)
     return u
@@ -93,20 +96,38 @@ def _momentum_at(u, poly):
     return total
 
 
+@code.inner(**INLINE)
+def _moment_at(j, u, lasts, now, poly, span, n):
+    """Interval of the period that a node of a step is in, the phase from the middle of that, and the
+    momentum times the node's part of the time.
+    """
+    turns = (now - span[START] + GAUSS_NODES[j] * lasts) * span[FREQUENCY] * n
+    interval = min(max(int(turns), 0), n - 1)
+    part = GAUSS_WEIGHTS[j] * lasts * (_momentum_at(GAUSS_NODES[j] * u, poly) - span[MOMENTUM])
+    return interval, 2.0 * math.pi * (turns - interval - 0.5) / n, part
+
+
 @code.inner(**COMPILE)
 def _add_moments(u, lasts, now, poly, span, moments):
-    """Add the momentum over a step to its ``moments`` (m, n) about the middles of n equal intervals
+    """Add the momentum over a step to its ``moments`` (n, m) about the middles of n equal intervals
     of the period: the integrals of it with the m-th powers of the phase from there.
     """
-    terms, n = moments.shape
-    for j in range(4):
-        turns = (now - span[START] + GAUSS_NODES[j] * lasts) * span[FREQUENCY] * n
-        interval = min(max(int(turns), 0), n - 1)
-        offset = 2.0 * math.pi * (turns - interval - 0.5) / n
-        part = GAUSS_WEIGHTS[j] * lasts * (_momentum_at(GAUSS_NODES[j] * u, poly) - span[MOMENTUM])
-        for m in range(terms):
-            moments[m, interval] += part
-            part *= offset
+    n, terms = moments.shape
+    i0, offset0, part0 = _moment_at(0, u, lasts, now, poly, span, n)
+    i1, offset1, part1 = _moment_at(1, u, lasts, now, poly, span, n)
+    i2, offset2, part2 = _moment_at(2, u, lasts, now, poly, span, n)
+    i3, offset3, part3 = _moment_at(3, u, lasts, now, poly, span, n)
+    for m in range(terms):  # side by side, because each power waits for the one before
+        moments[i0, m] += part0
+        moments[i1, m] += part1
+        moments[i2, m] += part2
+        moments[i3, m] += part3
+        part0, part1, part2, part3 = (
+            part0 * offset0,
+            part1 * offset1,
+            part2 * offset2,
+            part3 * offset3,
+        )
 
 
 @code.inner(**FORCED)
@@ -123,11 +144,29 @@ def _end_step(row, left, level, x, p, t, w):
 
 
 @code.inner(**COMPILE)
-def _take_up(row, w):
-    """The recorded deficits, to begin from."""
+def _take_up(row, off, w):
+    """The recorded deficits, to begin from, with what they were ``off`` at the end of the last step."""
     for k in range(6):
         for j in range(4):
-            w.r[k, j] = row[STEP_DEFICITS + 4 * k + j]
+            w.r[k, j] = row[STEP_DEFICITS + 4 * k + j] + off[k]
+
+
+@code.inner(**INLINE)
+def _off_at_end(row, w):
+    """Differences of the deficits from the recorded ones at the end of a step from which motion goes on
+    smoothly; else nothing.
+    """
+    if row[STEP_EVENT] >= 0.0 or row[STEP_REACHES] != 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    last = STEP_DEFICITS + 3
+    return (
+        w.r[0, 3] - row[last],
+        w.r[1, 3] - row[last + 4],
+        w.r[2, 3] - row[last + 8],
+        w.r[3, 3] - row[last + 12],
+        w.r[4, 3] - row[last + 16],
+        w.r[5, 3] - row[last + 20],
+    )
 
 
 @code.inner(**COMPILE)
@@ -149,7 +188,7 @@ def replay(
 
     ``noted``, deficits and fractions go back to ``plan``, from which others then begin. ``modes``
     (n,) become those of what had its event at the end of each step; where they are not those of the
-    recorded run, another motion follows. ``moments`` (m, k) get those of the momentum and ``span``
+    recorded run, another motion follows. ``moments`` (k, m) get those of the momentum and ``span``
     (N_SPAN,) what it gains. All else as ``propagate.advance``, ``t`` with an accuracy at which no
     iteration stops early. Returns a status code.
     """
@@ -159,6 +198,7 @@ def replay(
         0,
     )
     s, c = to_command_frame(x, p, t, w)
+    off = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(plan.shape[0]):
         while coming < steps_t.size and steps_t[coming] <= clock[NOW]:
             add_reference_offset(w.x, 0.0, x, p)
@@ -169,11 +209,12 @@ def replay(
         row, level = plan[i], int(plan[i, STEP_LEVEL])
         target = steps_t[coming] if coming < steps_t.size and steps_t[coming] < stop else stop
         target = before_ramp_ends(target, clock)
-        _take_up(row, w)
+        _take_up(row, off, w)
         change = solve_collocation(level, False, s, c, x, p, t, w)
         if not math.isfinite(change):
             return NOT_FINITE
         u = _end_step(row, target - clock[NOW], level, x, p, t, w)
+        off = _off_at_end(row, w)
         if noted:
             _note(u, row, w)
         end = target if row[STEP_REACHES] != 0.0 else clock[NOW] + u * t.longest * 0.5**level

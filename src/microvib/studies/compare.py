@@ -28,9 +28,15 @@ from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
 from microvib.studies.evidence import Observation, observations
 from microvib.studies.misreading import (
+    CONSENSUS_WIDTH,
+    MIN_COMMON_FIGURES,
     MIN_LOG_SCALE,
+    MIN_MEAN_COSINE_BELOW,
+    Ratios,
     best_reversal,
     common_scale,
+    consensus,
+    followed_up_to,
     other_axis,
     scale_in_words,
 )
@@ -292,30 +298,64 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
     axes = _misread_axes(a, b)
     if axes:
         return axes  # lines of different axes are of no common scale or sign
-    both = [r for r in rows if r.a.amplitude > 0.0 and r.b.amplitude > 0.0 and r.verdict != HIDDEN]
-    scale = common_scale([math.log(r.b.amplitude / r.a.amplitude) for r in both])
+    ratios = _log_ratios(rows)
+    scale = common_scale(ratios)
     if a.kind == "recording":
         recorded, other, mark, sign = (a, b, "A", -1.0)
     else:
         recorded, other, mark, sign = (b, a, "B", 1.0)
-    drive = recorded.scenario or other.scenario
-    if drive is None:
-        steps = 4
-    else:
-        steps = drive.motor.alike_per_turn
-    if a.kind == b.kind == "recording":
-        what = [best_reversal(recorded.as_recorded, other.as_recorded, steps)]
-        checked = "both recordings"
-    else:
-        what = [best_reversal(recorded.observations, other.observations, steps)]
-        checked = recorded.name
+    what, followers = [_reversal(recorded, other, followed_up_to(ratios, scale))], ""
     if scale:
-        what += [scale_in_words(sign * scale)]
-    if not (said := " and ".join(filter(None, what)).rstrip(",")):
+        what += [scale_in_words(sign * scale).rstrip(",")]
+        followers = _followers(ratios)
+    if not (said := " and ".join(filter(None, what))):
         return ()
-    return (
-        f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}: check order, sign and unit of {checked}.",
-    )
+    checked = recorded.name
+    if a.kind == b.kind == "recording":
+        checked = "both recordings"
+    like = f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}{followers}"
+    return (f"{like}: check order, sign and unit of {checked}.",)
+
+
+def _log_ratios(rows: Sequence[Row]) -> Ratios:
+    """Ratios, B over A, of the lasting lines that both sides have above their floors; those alone that
+    their force tables show, if there are enough of them.
+    """
+    both = [r for r in rows if _lasts(r.a) and _lasts(r.b)]
+    shown = [r for r in both if r.usable]
+    if len(shown) < MIN_COMMON_FIGURES:
+        shown = both
+    return [(r.a.place, math.log(r.b.amplitude / r.a.amplitude)) for r in shown]
+
+
+def _lasts(side: SideLine) -> bool:
+    """Whether a line is above the floor and does not decay, so that a scale of it means something."""
+    return side.seen and side.amplitude > 0.0 and side.place > 0.0 and not side.decay
+
+
+def _followers(ratios: Ratios) -> str:
+    """How many lines follow the scale, where many do not; nothing where most do."""
+    found = consensus(ratios)
+    if found is None or found.most:
+        return ""
+    within = 50.0 * CONSENSUS_WIDTH
+    return f", which {found.lines} of {found.of} lines follow within {within:g} %"
+
+
+def _reversal(recorded: Side, other: Side, up_to: float) -> str:
+    """How a recording must be read to be as the other side, in words: by all its lines, or else by those
+    below a resonance, ``up_to`` [Hz], for above it phases are others.
+    """
+    drive = recorded.scenario or other.scenario
+    steps = 4 if drive is None else drive.motor.alike_per_turn
+    mine, its = recorded.observations, other.observations
+    if recorded.kind == other.kind == "recording":
+        mine, its = recorded.as_recorded, other.as_recorded
+    found = best_reversal(mine, its, steps)
+    if found or math.isinf(up_to):
+        return found
+    below = [o for o in mine if recorded.lines[o.line].place < up_to]
+    return best_reversal(below, its, steps, MIN_MEAN_COSINE_BELOW)
 
 
 def _misread_axes(a: Side, b: Side) -> tuple[str, ...]:

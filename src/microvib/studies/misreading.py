@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,12 +30,28 @@ MIN_LOG_SCALE = math.log(5.0)
 than line by line.
 """
 MAX_LOG_SCATTER = 1.0
-"""Median deviation of these logarithms up to which they have a scale in common."""
+"""Median deviation of these logarithms up to which their median is a scale in common, but for a third
+of the median: what is off by a factor of 3 line by line has no common factor of 7.
+"""
+CONSENSUS_WIDTH, MIN_CONSENSUS, CONSENSUS_LEAD = 0.2, 4, 2.0
+"""Width of logarithms within which lines follow one scale; at how many places of the frequency axis they
+must; and how many times as many as follow any other scale.
+"""
+SAME_PLACE = 0.1
+"""Logarithm of two frequencies' ratio up to which lines are at one place."""
+MOST_FOLLOW = 2.0 / 3.0
+"""Part of the lines from which a scale is told without their number."""
 MIN_COMMON_FIGURES = 3
 """Figures in common below which nothing is told of two sets."""
 MIN_MEAN_COSINE, MIN_COSINE_GAIN = 0.7, 0.5
 """Mean cosine of differences of angles from which a reading fits, and by how much it must be better
 than the angles as they are.
+"""
+MIN_MEAN_COSINE_BELOW = 0.9
+"""Mean cosine of the lines below a resonance alone, of which there are few."""
+MAX_LOG_FOLLOWED = math.log(2.0)
+"""Logarithm by which a line's ratio may be off a scale that it follows: below a resonance that amplifies by
+less, phases are as they were.
 """
 
 
@@ -92,30 +108,118 @@ def scale_in_words(logarithm: float, close: float = UNIT_TOLERANCE) -> str:
     return f"multiplied by {1.0 / times:.3g}"
 
 
-def common_scale(logarithms: Sequence[float]) -> float:
-    """The logarithm of the scale by which all of some amplitudes differ from others; 0 where there
-    is none in common.
+Ratios = Sequence[tuple[float, float]]
+"""Pairs of frequency [Hz] and logarithm of the ratio of a line of two tests."""
 
-    ``logarithms`` are those of each line's ratio.
+
+@dataclass(frozen=True)
+class Consensus:
+    """A scale that several lines have in common."""
+
+    logarithm: float
+    """Logarithm of the scale: the median of those of its lines."""
+    spread: float
+    """How far the logarithm of a line that follows it is from it at most."""
+    lines: int
+    """How many lines follow it."""
+    of: int
+    """How many lines there are."""
+    places: int
+    """At how many places of the frequency axis lines follow it: a line and its sidebands are at one."""
+
+    @property
+    def most(self) -> bool:
+        """Whether most lines follow it."""
+        return self.lines >= MOST_FOLLOW * self.of
+
+
+def consensus(ratios: Ratios) -> Consensus | None:
+    """The scale that lines at more places of the frequency axis follow than any other one; None where
+    no scale is clearly ahead.
+
+    A table's resonance takes lines about it and above it from the scale, each by another factor, and
+    may take the most of them: the median is then no line's scale, and the densest place of the
+    logarithms is. A line and its sidebands are off by one factor anyway and count once.
     """
-    if len(logarithms) < MIN_COMMON_FIGURES:
+    best = _densest(ratios)
+    if best is None or best.places < MIN_CONSENSUS:
+        return None
+    others = [x for x in ratios if abs(x[1] - best.logarithm) > CONSENSUS_WIDTH]
+    rival = _densest(others)
+    if rival is not None and best.places < CONSENSUS_LEAD * rival.places:
+        return None
+    return best
+
+
+def _densest(ratios: Ratios) -> Consensus | None:
+    """The scale that lines at most places follow, whether it is clearly ahead or not; None without lines."""
+    if not ratios:
+        return None
+    frequencies, logs = np.array(sorted(ratios, key=lambda x: x[1])).T
+    places = _places(frequencies)
+    ends = np.searchsorted(logs, logs + CONSENSUS_WIDTH, side="right")
+    windows = [slice(start, end) for start, end in enumerate(ends)]
+    best = max(windows, key=lambda one: (np.unique(places[one]).size, logs[one].size))
+    count = int(np.unique(places[best]).size)
+    middle = float(np.median(logs[best]))
+    spread = float(np.max(np.abs(logs[best] - middle)))
+    return Consensus(middle, spread, logs[best].size, logs.size, count)
+
+
+def _places(frequencies: np.ndarray) -> np.ndarray:
+    """Numbers of the places of lines on the frequency axis; lines nearer than ``SAME_PLACE`` are at one."""
+    order = np.argsort(frequencies)
+    apart = np.diff(np.log(frequencies[order])) > SAME_PLACE
+    places = np.empty(order.size, dtype=int)
+    places[order] = np.concatenate(([0], np.cumsum(apart)))
+    return places
+
+
+def common_scale(ratios: Ratios) -> float:
+    """The logarithm of the scale by which some amplitudes differ from others; 0 where they have none
+    in common. Half of the lines must be off in its direction.
+    """
+    if len(ratios) < MIN_COMMON_FIGURES:
         return 0.0
+    logarithms = np.array([logarithm for _, logarithm in ratios])
     middle = float(np.median(logarithms))
-    scatter = float(np.median(np.abs(np.array(logarithms) - middle)))
-    if abs(middle) < MIN_LOG_SCALE or scatter > MAX_LOG_SCATTER:
+    scatter = float(np.median(np.abs(logarithms - middle)))
+    found = consensus(ratios)
+    if found is None:
+        scale, allowed, spread = middle, min(MAX_LOG_SCATTER, abs(middle) / 3.0), scatter
+    else:
+        scale, allowed, spread = found.logarithm, abs(found.logarithm) / 3.0, found.spread
+    if min(abs(middle), abs(scale)) < MIN_LOG_SCALE or middle * scale < 0.0 or scatter > allowed:
         return 0.0
-    # what the model is off, line by line, makes a scale inexact: a unit's within that scatter is
-    # taken
-    near = [math.log(f) * sign for f in UNITS for sign in (1.0, -1.0)]
-    unit = min(near, key=lambda one: abs(one - middle))
-    if abs(unit - middle) < max(scatter, UNIT_TOLERANCE):
-        return unit
-    return middle
+    return _unit_within(scale, spread + UNIT_TOLERANCE)
 
 
-def best_reversal(mine: Sequence[Observation], its: Sequence[Observation], steps: int) -> str:
+def _unit_within(scale: float, scatter: float) -> float:
+    """The logarithm of a unit's scale if it is the only one within a scatter of a scale's, or else the
+    scale's: what a model is off, line by line, makes a scale inexact.
+    """
+    every = [math.log(f) * sign for f in UNITS for sign in (1.0, -1.0)]
+    near = [one for one in every if abs(one - scale) < scatter]
+    if len(near) == 1:
+        return near[0]
+    return scale
+
+
+def followed_up_to(ratios: Ratios, scale: float) -> float:
+    """Frequency [Hz] of the first line that does not follow a scale, inf where all do."""
+    off = [f for f, logarithm in ratios if abs(logarithm - scale) > MAX_LOG_FOLLOWED]
+    return min(off, default=math.inf)
+
+
+def best_reversal(
+    mine: Sequence[Observation],
+    its: Sequence[Observation],
+    steps: int,
+    least: float = MIN_MEAN_COSINE,
+) -> str:
     """How angles and decays, ``mine``, must be read to be as ``its``: in the words of
-    ``reversal_variants``, nothing as they are.
+    ``reversal_variants``, nothing as they are. ``least`` is the mean cosine of their differences
+    from which they are.
     """
     others = {(o.line, o.form, o.against): o.value for o in its}
 
@@ -139,7 +243,7 @@ def best_reversal(mine: Sequence[Observation], its: Sequence[Observation], steps
 
     each = {what: fit(which) for what, which in reversal_variants(mine, steps).items()}
     best = max(each, key=lambda what: (each[what], not what))
-    if each[best] > max(MIN_MEAN_COSINE, each[""] + MIN_COSINE_GAIN):
+    if each[best] > max(least, each[""] + MIN_COSINE_GAIN):
         return best
     return ""
 
@@ -153,6 +257,7 @@ MAX_AXIS_SCATTER, MIN_AXIS_SCATTER, AXIS_GAIN = 0.1, 0.25, 4.0
 named channel has not; and times the other's that it must be.
 """
 MOST_AXIS_LINES = 8
+"""Largest lines of which this is asked."""
 _DRIFT = 2e-3
 """Part of their frequency by which lines of two tests are looked for at each other's."""
 
@@ -166,27 +271,42 @@ def other_axis(
     """Channel of a recording that has a test's ``lines``, pairs of frequency [Hz] and amplitude, where the
     ``named`` one has not, and the logarithm of its scale; empty where there is none.
 
-    ``channels`` are the recording's, (n,) each at ``sample_rate`` [Hz]. The largest lines count.
+    ``channels`` are the recording's, (n,) each at ``sample_rate`` [Hz]. The largest lines count, or else
+    those of the lower half, which a table's resonance changes less.
     """
-    largest = sorted((x for x in lines if x[1] > 0.0), key=lambda x: -x[1])[:MOST_AXIS_LINES]
-    if len(largest) < MIN_COMMON_FIGURES or named not in channels:
-        return "", 0.0
-    each: dict[str, tuple[float, float]] = {}
-    for name, x in channels.items():
-        if not np.all(np.isfinite(x)) or np.ptp(x) == 0.0:
-            continue
-        spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
-        ratios = np.array([_at_line(x, spectrum, f) / amplitude for f, amplitude in largest])
-        logs = np.log(np.maximum(ratios, 1e-300))
-        middle = float(np.median(logs))
-        each[name] = float(np.median(np.abs(logs - middle))), middle
-    best = min(each, key=lambda name: each[name][0], default=named)
-    if best == named or named not in each:
-        return "", 0.0
-    least = max(MIN_AXIS_SCATTER, AXIS_GAIN * each[best][0])
-    if each[best][0] > MAX_AXIS_SCATTER or each[named][0] < least:
-        return "", 0.0
-    return best, each[best][1]
+    seen = sorted(x for x in lines if x[1] > 0.0)
+    alive = {name: x for name, x in channels.items() if np.all(np.isfinite(x)) and np.ptp(x) > 0.0}
+    for some in (seen, seen[: len(seen) // 2]):
+        largest = sorted(some, key=lambda x: -x[1])[:MOST_AXIS_LINES]
+        if len(largest) < MIN_COMMON_FIGURES or named not in alive:
+            break
+        each = {name: _log_ratios(x, sample_rate, largest) for name, x in alive.items()}
+        if found := _axis_of(each, named):
+            return found
+    return "", 0.0
+
+
+def _log_ratios(
+    x: np.ndarray, sample_rate: float, lines: Sequence[tuple[float, float]]
+) -> np.ndarray:
+    """Logarithms of a channel's amplitudes over those of lines, in their order."""
+    spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
+    ratios = np.array([_at_line(x, spectrum, f) / amplitude for f, amplitude in lines])
+    return np.log(np.maximum(ratios, 1e-300))
+
+
+def _axis_of(each: Mapping[str, np.ndarray], named: str) -> tuple[str, float] | None:
+    """Channel in which lines have one scale, where they have none in the named one; and its logarithm.
+
+    ``each`` has the logarithms of the channels' ratios.
+    """
+    middle = {name: float(np.median(logs)) for name, logs in each.items()}
+    scatter = {name: float(np.median(np.abs(logs - middle[name]))) for name, logs in each.items()}
+    best = min(scatter, key=lambda name: scatter[name])
+    least = max(MIN_AXIS_SCATTER, AXIS_GAIN * scatter[best])
+    if best == named or scatter[best] > MAX_AXIS_SCATTER or scatter[named] < least:
+        return None
+    return best, _unit_within(middle[best], scatter[best] + UNIT_TOLERANCE)
 
 
 def _at_line(x: np.ndarray, spectrum: HannSpectrum, frequency: float) -> float:

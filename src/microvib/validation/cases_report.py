@@ -225,10 +225,15 @@ def _draw_panel(ax: Axes, found: CasesValidation, one: Compared) -> None:
     if np.all(y[known] > 0.0):
         ax.set_yscale("log")
         _show_plain_numbers(ax.yaxis)
-    unit = pretty(deciding.quantity.unit)
-    ax.set_xlabel(f"{parted.name} [{unit}]" if unit else parted.name)
-    ax.set_ylabel("value")
+    ax.set_xlabel(_with_unit(parted.name, deciding.quantity.unit))
+    ax.set_ylabel(_with_unit(one.quantity, one.unit))
     ax.set_title("\n".join(textwrap.wrap(one.claim, 55)), fontsize=7)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """A name with its unit, where it has one."""
+    shown = pretty(unit)
+    return f"{name} [{shown}]" if shown else name
 
 
 def _show_plain_numbers(axis: Axis) -> None:

@@ -59,6 +59,8 @@ class Compared:
     """Its value in each draw; nan where there is none."""
     bounds: tuple[float, float] = (-math.inf, math.inf)
     """Where its value has to lie."""
+    quantity: str = ""
+    """Quantity of the value: a metric, or a ratio."""
 
 
 @dataclass(frozen=True)
@@ -221,6 +223,7 @@ def _row(
         verdict=verdict,
         where=where,
         bounds=(bar.least, bar.most) if bar else (-math.inf, math.inf),
+        quantity=bar.quantity if bar else "",
     )
 
 

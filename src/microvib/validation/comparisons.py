@@ -39,6 +39,8 @@ class Bar:
     most: float = math.inf
     words: str = ""
     """The bar in words."""
+    quantity: str = "ratio"
+    """Quantity of the value: a metric of a case, or a ratio of some."""
 
     def holds(self, value: float) -> bool | None:
         """Whether a value holds; None where there is none."""
@@ -59,7 +61,7 @@ def bar_of(test: CasesTest, comparison: Comparison, where: str) -> Bar | None:
         unit = test.metrics[bound.metric].unit
         low, high = _ends(bound.at_least, bound.at_most, unit, f"{where}.bound")
         key = bound.case, bound.metric
-        return Bar(lambda of: of[key], unit, low, high, _words(low, high, unit))
+        return Bar(lambda of: of[key], unit, low, high, _words(low, high, unit), bound.metric)
     if comparison.ratio:
         return _ratio(comparison.ratio, test.metrics, f"{where}.ratio")
     if comparison.trend:
@@ -110,6 +112,7 @@ def _figure(figure: FigureComparison, metrics: Mapping[str, Metric], where: str)
         published / figure.factor,
         published * figure.factor,
         f"{published:g} {unit.replace('*', ' ')}, within a factor of {figure.factor:g}",
+        figure.metric,
     )
 
 
@@ -173,7 +176,8 @@ def _onset(onset: OnsetComparison) -> Bar:
             return 0.0
         return of[second] + 0.0 * of[first]
 
-    return Bar(beyond, "", least=1.0, words=f"none in {onset.none}, 1 or more in {onset.some}")
+    words = f"none in {onset.none}, 1 or more in {onset.some}"
+    return Bar(beyond, "", least=1.0, words=words, quantity=onset.metric)
 
 
 def quotient(first: float, second: float) -> float:

@@ -130,7 +130,7 @@ int microvib_set_rate(microvib *m, double rate)
     if (!isfinite(rate))
         return fails(m, "the rate is not a finite number");
     if (fabs(per_second) > m->command[MOST_PER_SECOND]) {
-        snprintf(m->why, sizeof m->why, "the rate of %.6g rad/s asks for %.3g microsteps per second; at most %.0f are followed", rate,
+        snprintf(m->why, sizeof m->why, "the rate of %.6g rad/s asks for %.3g microsteps per second; at most %.7g are followed", rate,
                  fabs(per_second), m->command[MOST_PER_SECOND]);
         return 1;
     }

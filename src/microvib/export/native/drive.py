@@ -37,9 +37,16 @@ LEAST_HUB_KNOT_RATE = 100.0
     LOAD_MEAN,
     ENERGY,
     COMMANDED,
-) = range(6)
+    COUNTED,
+) = range(7)
 """Kinds of outputs: a channel at the instant or its mean, a sum of channels or its mean, an energy,
-the number of microsteps."""
+the number of microsteps, a counter of the equations."""
+STEPS = {
+    "steps_judged": (kernel.STEPS_JUDGED, "full steps judged, each when the next one begins"),
+    "steps_lost": (kernel.STEPS_LOST, "full steps lost of those judged"),
+    "steps_gained": (kernel.STEPS_GAINED, "full steps gained beyond those commanded"),
+}
+"""Counters of a pulse drive that are outputs: their index and meaning, by name."""
 CHANGED = (
     "x.y", "x.stick", "x.clock", "x.counters", "x.energy", "x.levels", "out.rows", "out.partial",
     "out.cursor", "lanes", "flat", "by_node", "room", "wrapper.state", "wrapper.hub",
@@ -125,7 +132,13 @@ def outputs_of(scenario: Scenario) -> list[Output]:
         found += [Output(load, LOAD, k) for k, load in enumerate(loads)]
         found += [Output(_mean_of(load), LOAD_MEAN, k) for k, load in enumerate(loads)]
     commanded = Channel("microsteps", "1", "microsteps that the rotor is commanded to")
-    return [*found, Output(commanded, COMMANDED, 0)]
+    found.append(Output(commanded, COMMANDED, 0))
+    if scenario.driver.pulsed:
+        found += [
+            Output(Channel(name, "1", meaning), COUNTED, index)
+            for name, (index, meaning) in STEPS.items()
+        ]
+    return found
 
 
 def _mean_of(channel: Channel) -> Channel:
@@ -206,7 +219,7 @@ def _beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
                 scenario.driver.microstep_ramp,
                 scenario.driver.on_time or 0.0,
                 _microsteps_per_angle(scenario),
-                MAX_MICROSTEP_RATE,
+                _highest_microstep_rate(scenario),
             ]
         ),
         **_hub_beside(scenario, packed),
@@ -214,6 +227,15 @@ def _beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
         "wrapper.state": np.zeros(STATE_WORDS),
         "wrapper.hub": np.zeros(3 * count + 2 * len(COMPONENTS)),
     }
+
+
+def _highest_microstep_rate(scenario: Scenario) -> float:
+    """Most microsteps per second [1/s] that a host's command is followed at; of a pulse drive no pulse
+    is cut short by the next step, within the rounding that a scenario's own check allows.
+    """
+    if not scenario.driver.on_time:
+        return MAX_MICROSTEP_RATE
+    return (1.0 + 1e-9) / scenario.driver.on_time
 
 
 def _microsteps_per_angle(scenario: Scenario) -> float:

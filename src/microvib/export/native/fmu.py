@@ -235,11 +235,18 @@ def _text(scenario: Scenario) -> str:
         " It begins at rest. T_d contains the torque that inertias make of hub_acceleration; a host"
         " that computes this acceleration from T_d of the step before is stable only where the"
         " inertia of its spacecraft is larger than that of the array. What is not among the parameters"
-        " is fixed at export: windings and current loop, inertias, frequencies and participation of"
+        f" is fixed at export: {_what_feeds(scenario)}, inertias, frequencies and participation of"
         " modes, shapes of friction, errors of gear and driver, noise, a profile of rates."
         f"{_repeats(scenario)}"
         " Binaries only: there is no C source of the compiled equations."
     )
+
+
+def _what_feeds(scenario: Scenario) -> str:
+    """Windings and what drives them, in words."""
+    if not scenario.driver.pulsed:
+        return "windings and current loop"
+    return f"windings, pulses and clamp ({scenario.driver.clamp})"
 
 
 def _repeats(scenario: Scenario) -> str:

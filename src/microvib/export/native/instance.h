@@ -33,7 +33,7 @@ struct entry {
 
 /* Kinds of outputs, and entries of clock and counters: as microvib.export.native.drive and
    microvib.solve.kernel have them. */
-enum { INSTANT, MEAN, LOAD, LOAD_MEAN, ENERGY, COMMANDED };
+enum { INSTANT, MEAN, LOAD, LOAD_MEAN, ENERGY, COMMANDED, COUNTED };
 enum { NOW = 0, WEIGHT = 8 };
 enum { RATE_M = 5, RATE_L = 7, MODES = 8 }; /* in the state y */
 enum { CHANNEL_T_D = 17 };
@@ -81,6 +81,7 @@ struct microvib {
     double *y, *clock, *energy, *partial, *state, *means, *channels;
     double *hub, *integrals, *acceleration, *last; /* modes by the spacecraft's motion; its acceleration, and that in the last step */
     int64_t *cursor;
+    const int64_t *counters;
     struct array rows, due, references, noise[2], knots, legs, profile, turn, weights, by_hub;
     double *command;
     const double *hub_numbers, *participation, *residual, *H, *Lam, *inv_h;

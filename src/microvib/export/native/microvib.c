@@ -105,6 +105,7 @@ static void find_all(microvib *m)
     m->y = of(m, "advance.x.y");
     m->clock = of(m, "advance.x.clock");
     m->energy = of(m, "advance.x.energy");
+    m->counters = of(m, "advance.x.counters");
     m->partial = of(m, "advance.out.partial");
     m->cursor = of(m, "advance.out.cursor");
     m->rows = array_of(m, "advance.out.rows");

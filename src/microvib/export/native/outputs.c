@@ -113,6 +113,8 @@ double microvib_output(microvib *m, size_t which)
         return load(m, index, m->means, 1);
     case ENERGY:
         return m->energy[index];
+    case COUNTED:
+        return (double)m->counters[index];
     default:
         return (double)microvib_microsteps(m);
     }

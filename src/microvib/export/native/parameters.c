@@ -187,7 +187,7 @@ static int renew_command(microvib *m)
         largest = fmax(largest, fabs(m->legs.data[k]));
     if (largest <= m->command[MOST_PER_SECOND])
         return 0;
-    snprintf(m->why, sizeof m->why, "the command asks for %.3g microsteps per second; at most %.0f are followed", largest,
+    snprintf(m->why, sizeof m->why, "the command asks for %.3g microsteps per second; at most %.7g are followed", largest,
              m->command[MOST_PER_SECOND]);
     return 1;
 }

@@ -23,8 +23,15 @@ HEADER_WORDS = 8
 
 
 def with_lines(scenario: GivenScenario) -> Scenario:
-    """The scenario as one whose lines can be exported; MicrovibError for one with two drives."""
+    """The scenario as one whose lines can be exported; MicrovibError for one with two drives, and for
+    a pulse drive, whose torque is not in the lines that are listed.
+    """
     found = as_scenario(scenario)
+    if found.driver.pulsed:
+        raise MicrovibError(
+            "driver.drive: pulse has bursts at each step, whose lines go on over a broad band and are"
+            " not all listed; kind tones cannot have them, source or drive can"
+        )
     if found.driven_wing is not None:
         raise MicrovibError(
             "spacecraft.second_wing: lines of two drives are not exported together; leave it out"

@@ -7,8 +7,8 @@ motion must die out, which is seen in one of two ways:
 - The deviation is **as linear as a small one** (``_is_linear``): from a part of it the drive goes a part of the way, to
   much less than what decays meanwhile. A mode that friction feeds, slips that alternate or an edge that is met are none of that:
   what keeps them as large as they are is that they do not scale. Then it dies out as small deviations do, in whatever time.
-- It **arrives** (``_arrive``). How long that takes follows from the slowest decay; only where the deviation is seen to decay as
-  that of small deviations does, again and again while it gets smaller, is it shortened instead of waited for.
+- It **arrives** (``wait_for_arrival``). How long that takes follows from the slowest decay. Nothing is done to the run
+  meanwhile: a deviation that is made smaller may leave an oscillation which friction feeds, beside a large one that decays.
 """
 
 from __future__ import annotations
@@ -43,14 +43,6 @@ WINDOW = 0.15
 """Decay times over which a deviation that is waited for is averaged, or a cycle of the slowest mode
 if that is longer.
 """
-DECAY_RATE_RATIO_RANGE = (0.5, 2.5)
-"""Rate of the decay, over that of small deviations, within which a deviation may be shortened."""
-SHORTENED_BELOW = 0.5
-"""Part of its largest value below which a deviation may be shortened: above it, each start is its
-own.
-"""
-SHORTENED_TO = 0.4
-"""Part of a deviation that is left when it is shortened."""
 STALL_CRITERION = (1.5, 0.8)
 """Decay times in which a deviation must fall at least to this part of itself."""
 MIN_DECAY = 1e-9
@@ -90,7 +82,7 @@ def confirm_reached_from_rest(
     _check_decay_time(run, found)
     run.begin()
     if waited or not _deviation_is_linear_or_gone(run, found):
-        _arrive(run, found, shortened=not waited)
+        wait_for_arrival(run, found.T_d, found.decay)
 
 
 def _check_decay_time(run: RunFromRest, found: PeriodicMotion) -> None:
@@ -113,11 +105,13 @@ def _deviation_is_linear_or_gone(run: RunFromRest, found: PeriodicMotion) -> boo
     if not len(found.slow):
         return False  # nothing takes long
     periods, whole = _periods(run, LINEARITY_CHECK_WINDOW / found.decay), 1.0 / run.period.frequency
-    _deviation(run, found, math.ceil(max(0.5 * periods, FAST_DECAY_TIMES / (found.fast * whole))))
+    _deviation(
+        run, found.T_d, math.ceil(max(0.5 * periods, FAST_DECAY_TIMES / (found.fast * whole)))
+    )
     left = math.exp(-MIN_DECAY_RATE_RATIO * found.decay * periods * whole)
     for _ in range(MAX_LINEARITY_CHECKS):
         begun = run.seen() - found.x
-        deviation = _deviation(run, found, periods)
+        deviation = _deviation(run, found.T_d, periods)
         if rms(deviation) <= ARRIVAL_TOLERANCE * rms(found.T_d):
             return True
         before, after = (np.linalg.norm(found.slow @ x) for x in (begun, run.seen() - found.x))
@@ -135,49 +129,32 @@ def _is_linear(
     decayed = -math.expm1(-found.decay * len(deviation) / run.period.frequency)
     here = run.place()
     run.go_on_from(found.x + LINEARITY_TEST_SCALE * begun)
-    scaled = _deviation(run, found, len(deviation)) / LINEARITY_TEST_SCALE
+    scaled = _deviation(run, found.T_d, len(deviation)) / LINEARITY_TEST_SCALE
     run.go_back(here)
     return rms(scaled - deviation) <= LINEARITY_TOLERANCE * decayed * rms(deviation)
 
 
-def _deviation(run: RunFromRest, found: PeriodicMotion, periods: int) -> np.ndarray:
-    """Deviation of the torque [N m] over the next ``periods``, one row for each."""
+def _deviation(run: RunFromRest, T_d: np.ndarray, periods: int) -> np.ndarray:
+    """Deviation of the torque from ``T_d`` [N m] over the next ``periods``, one row for each."""
     torque, _ = run.advance(periods * run.period.microsteps, run.rows)
-    result: np.ndarray = torque.reshape(periods, -1) - found.T_d
+    result: np.ndarray = torque.reshape(periods, -1) - T_d
     return result
 
 
-def _arrive(run: RunFromRest, found: PeriodicMotion, shortened: bool) -> None:
-    """Wait until the deviation has died out, or, ``shortened``, until it has done so from ever
-    smaller ones.
+def wait_for_arrival(run: RunFromRest, T_d: np.ndarray, decay: float) -> None:
+    """Advance a run that is at the start of a period until its torque is that of the motion ``T_d``
+    [N m], (microsteps x rows of the run,), from which small deviations die out with ``decay`` [1/s].
+    NotReached where it does not become so.
     """
-    periods, size = _periods(run, WINDOW / found.decay), rms(found.T_d)
+    periods, size = _periods(run, WINDOW / decay), rms(T_d)
     time = periods / run.period.frequency
-    looked = max(math.ceil(STALL_CRITERION[0] / (found.decay * time)), 3)
-    largest = expected = 0.0
-    regular, left, history = 0, 1.0, []
+    looked = max(math.ceil(STALL_CRITERION[0] / (decay * time)), 3)
+    history: list[float] = []
     while run.simulated < run.longest:
-        away = rms(_deviation(run, found, periods))
+        away = rms(_deviation(run, T_d, periods))
         if away <= ARRIVAL_TOLERANCE * size:
             return
-        largest = max(largest, away)
-        if expected:
-            rate = math.log(expected / away) / time
-        else:
-            rate = 0.0
-        if (
-            DECAY_RATE_RATIO_RANGE[0] * found.decay
-            <= rate
-            <= DECAY_RATE_RATIO_RANGE[1] * found.decay
-        ):
-            regular = regular + 1
-        else:
-            regular = 0
-        history.append(away / left)
-        if len(history) > looked and history[-1] > STALL_CRITERION[1] * history[-1 - looked]:
+        history.append(away)
+        if len(history) > looked and away > STALL_CRITERION[1] * history[-1 - looked]:
             break
-        expected = away
-        if shortened and regular >= 2 and away <= SHORTENED_BELOW * largest:
-            run.go_on_from(found.x + SHORTENED_TO * (run.seen() - found.x))
-            expected, left = SHORTENED_TO * away, SHORTENED_TO * left
     raise NotReached("a start from rest does not converge to the periodic motion that was found")

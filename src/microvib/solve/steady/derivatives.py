@@ -22,6 +22,7 @@ the two lines must go where the derivatives lead. Where they do not, the derivat
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,7 +31,7 @@ import numpy as np
 
 from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
-from microvib.solve.steady.directions import Parameters, directions
+from microvib.solve.steady.directions import Directions, Parameters, directions
 from microvib.solve.steady.recorded import (
     KINK,
     NotDifferentiable,
@@ -40,14 +41,37 @@ from microvib.solve.steady.recorded import (
 )
 from microvib.solve.steady.search import STICKING_STATES
 
-FINER, CHECKED_FINER = 3, 4
-"""Times by which steps are finer than those of the solution: for the derivatives, and for their check."""
-STATE_STEP, PARAMETER_STEP = 5e-6, 2e-6
-"""Steps of the differences: of states over what a microstep moves, of parameters over themselves."""
+
+@dataclass(frozen=True)
+class Effort:
+    """How differences are taken."""
+
+    finer: int
+    """Times by which steps are finer than those of the solution."""
+    checked_finer: int
+    """Times by which steps of the check are finer."""
+    state_step: float
+    """Step of a state, over what a microstep moves."""
+    parameter_step: float
+    """Step of a parameter, over itself."""
+    both_ways: bool
+    """Whether steps are taken up and down, so that what is curved does not count."""
+
+
+COARSE = Effort(1, 1, 5e-6, 2e-6, both_ways=False)
+QUICK = Effort(2, 3, 2e-6, 2e-6, both_ways=False)
+THOROUGH = Effort(4, 5, 1e-5, 5e-6, both_ways=True)
+NOTABLE, GOOD, MOST_OF_THEM = 1e-2, 2.5e-4, 0.9
+"""Lines from NOTABLE of the largest must all be given, and MOST_OF_THEM disagree by no more than GOOD;
+else more effort is made."""
+MOST_CHANGED = 1e-3
+"""Change of the logarithm of a notable line up to which it is looked whether lines follow."""
 CHECKED, TOLERANCE = 1e-5, 5e-4
 """Part of themselves by which parameters change to see whether lines follow their derivatives with
 other steps, and by how much they may not, over it and the largest relative derivative of the line (at
 least 1)."""
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+"""Multiples of it are spread evenly between whole numbers, however many there are."""
 COARSE_TOLERANCE = 1e-2
 """Disagreement of what is checked by its own steps, up to which it is given."""
 CLOSED, MAX_CLOSING_STEPS = 1e-10, 8
@@ -83,6 +107,16 @@ class LineDerivatives:
     least 1), (p, k); infinite where other events occur."""
 
     @property
+    def is_good(self) -> bool:
+        """Whether all notable lines have their derivatives, and most go well where these lead."""
+        size = np.abs(self.amplitudes)
+        notable = size >= NOTABLE * np.max(size, initial=0.0)
+        off = np.max(self.disagreement[:, notable], axis=0, initial=0.0)
+        if np.any(np.isnan(self.derivatives[:, notable])):
+            return False
+        return not off.size or float(np.quantile(off, MOST_OF_THEM)) <= GOOD
+
+    @property
     def relative(self) -> np.ndarray:
         """Relative changes of the complex amplitudes over those of the parameters, d ln c / d ln p,
         (p, k); the real part is that of the amplitude.
@@ -109,21 +143,44 @@ def line_derivatives(
     if scenario.has_memory:
         raise NotDifferentiable("friction with memory has no derivatives here")
     if coarse:
-        period = RecordedPeriod.with_finer_steps(scenario, microsteps, orders, 1)
-        about = _about_closed(period, state, COARSE_SAME_STEPS)
-        return _checked(about, period, parameters)
-    period, other = (
-        RecordedPeriod.with_finer_steps(scenario, microsteps, orders, finer)
-        for finer in (FINER, CHECKED_FINER)
-    )
-    return _checked(_about_closed(period, state), other, parameters)
+        return with_effort(COARSE, scenario, state, microsteps, orders, parameters)
+    given = scenario, state, microsteps, orders, parameters
+    quick = None
+    with suppress(NotDifferentiable):
+        quick = with_effort(QUICK, *given)
+    if quick is not None and quick.is_good:
+        return quick
+    try:
+        return with_effort(THOROUGH, *given)
+    except NotDifferentiable:
+        if quick is None:
+            raise
+        return quick
 
 
-def _checked(about: _Differences, other: RecordedPeriod, parameters: Parameters) -> LineDerivatives:
-    """Derivatives about a period that closes, checked by the steps of another recording; or by its own,
-    and then less strictly.
+def with_effort(
+    effort: Effort,
+    scenario: Scenario,
+    state: np.ndarray,
+    microsteps: int,
+    orders: np.ndarray,
+    parameters: Parameters,
+) -> LineDerivatives:
+    """Derivatives by some effort."""
+    period = RecordedPeriod.with_finer_steps(scenario, microsteps, orders, effort.finer)
+    other, same_steps, tolerance = period, COARSE_SAME_STEPS, COARSE_TOLERANCE
+    if effort.checked_finer != effort.finer:
+        other = RecordedPeriod.with_finer_steps(scenario, microsteps, orders, effort.checked_finer)
+        same_steps, tolerance = SAME_STEPS, TOLERANCE
+    return _checked(about_closed(period, state, effort, same_steps), other, parameters, tolerance)
+
+
+def _checked(
+    about: _Differences, other: RecordedPeriod, parameters: Parameters, tolerance: float
+) -> LineDerivatives:
+    """Derivatives about a period that closes, checked by the steps of another recording, or by its
+    own.
     """
-    tolerance = COARSE_TOLERANCE if other is about.period else TOLERANCE
     moved, total = about.by_parameters(parameters)
     known = np.all(np.isfinite(moved), axis=0)
     off = np.zeros(about.harmonics.size)
@@ -145,14 +202,43 @@ def _checked(about: _Differences, other: RecordedPeriod, parameters: Parameters)
 class _Differences:
     """Differences of a recorded period in each state that moves."""
 
-    def __init__(self, period: RecordedPeriod, state: np.ndarray) -> None:
-        self.period, self.state, self.sizes = period, state, period.map.sizes
+    def __init__(self, period: RecordedPeriod, state: np.ndarray, effort: Effort) -> None:
+        self.period, self.state, self.effort = period, state, effort
+        self.sizes = period.map.sizes
         at_rest = STICKING_STATES[period.here.state[STICKING_STATES] == 0.0]
         self.moving = np.setdiff1d(np.arange(state.size), [*period.map.idle, *at_rest])
-        ends = [period.beside(self.moved(STATE_STEP * unit)) for unit in np.eye(self.moving.size)]
-        gained = [self.gained(end, period.here) for end in ends]
-        self._of_state = np.column_stack(gained) / STATE_STEP
-        self._ends = [period.here, *ends]
+        self._differ(both_ways=False)
+
+    def _differ(self, both_ways: bool) -> None:
+        """Take differences about the start where it is now."""
+        up = self._beside_in_each_state(self.effort.state_step)
+        down = self._beside_in_each_state(-self.effort.state_step) if both_ways else []
+        self._ends = self.period.here, up, down
+        self._of_state = self._slopes_of_ends(*self._ends) / self.effort.state_step
+
+    def _beside_in_each_state(self, step: float) -> list[PeriodEnd]:
+        """Where the period leads with each state more by a step, over what a microstep moves."""
+        return [self.period.beside(self.moved(step * x)) for x in np.eye(self.moving.size)]
+
+    def _slopes_of_ends(
+        self, here: PeriodEnd, up: list[PeriodEnd], down: list[PeriodEnd]
+    ) -> np.ndarray:
+        """Change of the end of a period, over what a microstep moves, by a step each, (n, ends); with the
+        steps ``down``, half of what is between both.
+        """
+        if down:
+            pairs = zip(up, down, strict=True)
+            return np.column_stack([0.5 * self.gained(end, other) for end, other in pairs])
+        return np.column_stack([self.gained(end, here) for end in up])
+
+    def _slopes_of_harmonics(
+        self, here: PeriodEnd, up: list[PeriodEnd], down: list[PeriodEnd]
+    ) -> np.ndarray:
+        """Change of the harmonics by the same steps, (k, ends)."""
+        each = self.period.harmonics([here, *up, *down])
+        above, below = each[:, 1 : len(up) + 1], each[:, len(up) + 1 :]
+        result: np.ndarray = 0.5 * (above - below) if down else above - each[:, :1]
+        return result
 
     @cached_property
     def harmonics(self) -> np.ndarray:
@@ -163,9 +249,7 @@ class _Differences:
     @cached_property
     def _of_harmonics(self) -> np.ndarray:
         """Their derivatives by each state that moves, (k, n)."""
-        each = self.period.harmonics(self._ends)
-        result: np.ndarray = (each[:, 1:] - each[:, :1]) / STATE_STEP
-        return result
+        return self._slopes_of_harmonics(*self._ends) / self.effort.state_step
 
     def moved(self, by: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
         """The start, or another one, moved; by what a microstep moves."""
@@ -197,6 +281,8 @@ class _Differences:
             self.period.settle(self.state)
             gap = self._gap()
             if float(np.max(np.abs(gap))) < CLOSED:
+                if self.effort.both_ways:
+                    self._differ(both_ways=True)
                 return True
         raise NotDifferentiable(NOT_CLOSED)
 
@@ -209,7 +295,8 @@ class _Differences:
         """Derivatives by the parameters, over their scales: of the start that repeats, over what a
         microstep moves, (n, p), and of its harmonics, (k, p); nan where there is none.
         """
-        found = directions(self.period, parameters, PARAMETER_STEP)
+        step = self.effort.parameter_step
+        found = directions(self.period, parameters, step)
         gained = np.full((self.moving.size, len(found.chosen)), np.nan)
         own = np.full((self.harmonics.size, len(found.chosen)), np.nan, dtype=complex)
         are_shapes = parameters.are_shapes[list(found.chosen)]
@@ -220,30 +307,50 @@ class _Differences:
                 period = self.period.shaped(self.state)
             else:
                 period = self.period
-            ends = {}
+            numbers, up, down = [], [], []
             for number in np.flatnonzero(some).tolist():
                 with suppress(SimulationError):  # other events: there is no derivative
-                    ends[number] = period.beside(self.state, found.periods[number])
-            if ends:
-                numbers, reached = list(ends), list(ends.values())
-                gained[:, numbers] = np.column_stack(
-                    [self.gained(end, period.here) for end in reached]
-                )
-                each = period.harmonics([period.here, *reached])
-                own[:, numbers] = each[:, 1:] - each[:, :1]
-        moved = self.closing(found.combined(gained)) / PARAMETER_STEP
-        total = found.combined(own) / PARAMETER_STEP + self._of_harmonics @ moved
+                    ends = self._beside_in(found, number, parameters, period)
+                    numbers.append(number)
+                    up.append(ends[0])
+                    down += ends[1:]
+            if numbers:
+                gained[:, numbers] = self._slopes_of_ends(period.here, up, down) / step
+                own[:, numbers] = self._slopes_of_harmonics(period.here, up, down) / step
+        moved = self.closing(found.combined(gained))
+        total = found.combined(own) + self._of_harmonics @ moved
         return moved, total
+
+    def _beside_in(
+        self, found: Directions, number: int, parameters: Parameters, period: RecordedPeriod
+    ) -> list[PeriodEnd]:
+        """Where the period leads with the drive changed in a direction: up, and down where steps are
+        taken both ways.
+        """
+        ends = [period.beside(self.state, found.periods[number])]
+        if self.effort.both_ways:
+            part = np.zeros(len(parameters.keys))
+            part[found.chosen[number]] = -self.effort.parameter_step
+            changed = parameters.changed(period.map.scenario, part)
+            ends.append(period.beside(self.state, period.of(changed)))
+        return ends
 
     def disagreement(
         self, other: RecordedPeriod, parameters: Parameters, moved: np.ndarray, total: np.ndarray
     ) -> np.ndarray:
         """How far logarithms of harmonics are from where the derivatives lead, with the steps of
-        ``other``: between all parameters less by the part CHECKED of themselves, or more, and as much
-        more, or less; over that part, (k,). Infinite where other events occur.
+        ``other``: between all parameters less by up to the part CHECKED of themselves, or more, and as
+        much more, or less; over that part, (k,). Infinite where other events occur.
         """
         count = len(parameters.keys)
         signs = np.where(np.random.default_rng(count).random(count) < 0.5, -1.0, 1.0)
+        # Sizes differ, too, so that errors of parameters that act alike do not cancel.
+        ways = signs * (0.4 + 0.6 * (GOLDEN * np.arange(count) % 1.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            expected = (total @ ways) / self.harmonics
+        size = np.abs(self.harmonics)
+        steepest = np.abs(expected[size >= NOTABLE * np.max(size)])
+        part = min(CHECKED, MOST_CHANGED / float(np.max(steepest, initial=1.0)))
         try:
             state = self._closed_by(other)
             if np.any(parameters.are_shapes):
@@ -251,36 +358,30 @@ class _Differences:
             above, below = (
                 self._reached(
                     other,
-                    parameters.changed(other.map.scenario, part),
-                    self.moved(moved @ part, state),
+                    parameters.changed(other.map.scenario, way),
+                    self.moved(moved @ way, state),
                 )
-                for part in (CHECKED * signs, -CHECKED * signs)
+                for way in (part * ways, -part * ways)
             )
         except SimulationError:
             return np.full(self.harmonics.size, np.inf)
         with np.errstate(divide="ignore", invalid="ignore"):
-            slope = np.log(above / below) / (2.0 * CHECKED)
-            off: np.ndarray = np.abs(slope - (total @ signs) / self.harmonics)
+            off: np.ndarray = np.abs(np.log(above / below) / (2.0 * part) - expected)
         return off
 
     def _closed_by(self, other: RecordedPeriod) -> np.ndarray:
-        """The start from which the steps of another recording close the period.
+        """The start from which the steps of another recording close the period, but for what
+        ``_reached`` makes up for.
 
         Raises NotDifferentiable where they have other events.
         """
-        state = self.state
         if other is self.period:
-            return state
-        end = other.record(state)
+            return self.state
+        end = other.record(self.state)
         if not self.period.has_events_of(other):
             raise NotDifferentiable(KINK)
-        for _ in range(MAX_CLOSING_STEPS):
-            gap = ((end.state - state) / self.sizes)[self.moving]
-            if float(np.max(np.abs(gap))) < CLOSED:
-                return state
-            state = self.moved(self.closing(gap), state)
-            end = other.settle(state)
-        raise NotDifferentiable(NOT_CLOSED)
+        gap = ((end.state - self.state) / self.sizes)[self.moving]
+        return self.moved(self.closing(gap))
 
     def _reached(self, other: RecordedPeriod, scenario: Scenario, start: np.ndarray) -> np.ndarray:
         """Harmonics of a changed scenario that repeat near a ``start``, with the steps of another
@@ -297,8 +398,8 @@ class _Differences:
         return result
 
 
-def _about_closed(
-    period: RecordedPeriod, state: np.ndarray, same_steps: float = SAME_STEPS
+def about_closed(
+    period: RecordedPeriod, state: np.ndarray, effort: Effort, same_steps: float
 ) -> _Differences:
     """Differences about the state from which a period ends where it starts, near a ``state`` as
     ``PeriodMap`` has it.
@@ -306,7 +407,7 @@ def _about_closed(
     state = state - output_offset(period.map)
     for _ in range(MAX_CLOSING_STEPS):
         period.record(state)
-        about = _Differences(period, state)
+        about = _Differences(period, state, effort)
         with suppress(SimulationError):  # steps too short for their events to move so far
             if about.close(same_steps):
                 return about

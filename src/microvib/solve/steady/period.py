@@ -271,10 +271,11 @@ class PeriodMap:
         are relaxed.
         """
         state = self.packed.state
-        state.y[:], state.clock[:] = (
-            self.absolute(x[None], self.turn([0]))[0],
-            self.clocks(np.array([0]))[0],
-        )
+        if self.packed.drive.rigid:
+            state.y[:] = self.absolute(x[None], self.turn([0]))[0]
+        else:  # nothing has turned yet
+            state.y[:] = x
+        state.clock[:] = self.clocks(np.array([0]))[0]
         state.levels[:], state.energy[:] = INITIAL_STEP_LEVELS, 0.0
         if stick is None:
             kernel.initial_friction(state, self.packed.drive)

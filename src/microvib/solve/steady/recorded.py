@@ -19,18 +19,16 @@ from microvib.solve.replay import FREQUENCY, GAINED, MOMENTUM, N_SPAN, START
 from microvib.solve.sampling import step_buffer
 from microvib.solve.steady.period import PeriodMap, search_error
 
-SETTLED, FINE = 1e-12, 1e-10
+SETTLED, FINE = 1e-12, 1e-9
 """Accuracies of replays: of what others are beside, and of those others. Iterations end at a tenth of
 it, over what a microstep moves."""
 KINK = "a friction just sticks there, or just does not"
 FIRST_ROWS = 64
 """Steps of a microstep for which there is room at first, with steps as fine as the solution's."""
-EXPANSION, LONG_EXPANSION = (10, 8), (18, 2)
+TERMS, INTERVALS = 18, 2
 """Terms of the expansion of a phase about the middle of an interval, and intervals per period of the
-highest harmonic: their error is (pi / 8)^10 / 10!, 2e-11, which counts because it jumps where an event
-crosses an edge; fewer intervals, and more terms, where there are more than LONG."""
-LONG = 1 << 11
-"""Intervals of a period from which it is long."""
+highest harmonic: their error is (pi / 2)^18 / 18!, 5e-13, which counts because it jumps where an event
+crosses an edge."""
 
 
 class NotDifferentiable(SimulationError):
@@ -45,7 +43,7 @@ class PeriodEnd:
     """The state at its end, seen from the command; the output's angle is counted from that at which
     the command begins the period."""
     moments: np.ndarray
-    """Moments of the momentum (``replay.replay``), (TERMS, n)."""
+    """Moments of the momentum (``replay.replay``), (n, TERMS)."""
     gained: float
     """Momentum that it gains [N m s]."""
     frequency: float
@@ -58,9 +56,6 @@ class RecordedPeriod:
     """A period that was recorded, and what is beside it: from its start to its end and its harmonics."""
 
     def __init__(self, period: PeriodMap, orders: np.ndarray) -> None:
-        packed = period.packed
-        # What another drive changes may be in any row of the equations.
-        period.packed = replace(packed, propagators=packed.propagators._replace(inputs=6))
         self.map, self.orders = period, orders
         self._room = FIRST_ROWS * period.microsteps * period.scenario.solver.refinement
         self._moments = _moments_of(int(orders.max()))
@@ -70,7 +65,7 @@ class RecordedPeriod:
         cls, scenario: Scenario, microsteps: int, orders: np.ndarray, finer: int
     ) -> RecordedPeriod:
         """A period to be recorded, with steps some times as fine as the scenario's."""
-        changed = scenario.with_si({"solver.refinement": finer * scenario.solver.refinement})
+        changed = scenario.nudged("solver.refinement", finer * scenario.solver.refinement)
         return cls(PeriodMap(changed, microsteps), orders)
 
     def shaped(self, state: np.ndarray) -> RecordedPeriod:
@@ -124,13 +119,12 @@ class RecordedPeriod:
 
         Phases are expanded about the middles of equal intervals, whose sums are Fourier transforms.
         """
-        orders, (terms, n) = self.orders, self._moments
-        sums = np.array([np.fft.rfft(end.moments)[:, orders] for end in ends])
-        powers = np.vstack(
-            [np.ones(orders.size), -1j * orders / np.arange(1, terms)[:, None]],
-        )
-        factors = np.cumprod(powers, axis=0) * np.exp(-1j * math.pi * orders / n)
-        total = np.einsum("mk,emk->ke", factors, sums)
+        orders, (n, terms) = self.orders, self._moments
+        sums = np.fft.rfft(np.array([end.moments for end in ends]), axis=1)[:, orders]
+        powers = np.ones((orders.size, terms), dtype=complex)
+        powers[:, 1:] = -1j * orders[:, None] / np.arange(1, terms)
+        factors = np.cumprod(powers, axis=1) * np.exp(-1j * math.pi * orders / n)[:, None]
+        total = np.einsum("km,ekm->ke", factors, sums)
         gained = np.array([end.gained for end in ends])
         frequency = np.array([end.frequency for end in ends])
         result: np.ndarray = (
@@ -183,13 +177,10 @@ class RecordedPeriod:
 
 
 def _moments_of(highest: int) -> tuple[int, int]:
-    """Terms and intervals for harmonics up to the ``highest`` one; as many intervals as a power of 2, of
+    """Intervals and terms for harmonics up to the ``highest`` one; as many intervals as a power of 2, of
     which Fourier transforms are fast.
     """
-    terms, intervals = EXPANSION
-    if intervals * highest > LONG:
-        terms, intervals = LONG_EXPANSION
-    return terms, 1 << math.ceil(math.log2(intervals * highest))
+    return 1 << math.ceil(math.log2(INTERVALS * highest)), TERMS
 
 
 def _same_events(steps: np.ndarray, others: np.ndarray) -> bool:

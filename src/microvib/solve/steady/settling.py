@@ -1,10 +1,10 @@
 """The motion that a run from rest settles to, where none can be searched for.
 
 The run is looked at in stretches. It has settled when the torque of the last stretch repeats, that
-is when it is what it was a period of the command before, or a few periods. Where it repeats with
-each period, its deviation from where it goes is shortened instead of waited for
-(``_DecayExtrapolation``). What attitude control still swings then, of which the torque hardly knows,
-is taken away (``microvib.solve.steady.attitude``).
+is when it is what it was a period of the command before, or a few periods. Nothing is done to the run
+meanwhile: what is made smaller may leave a mode that friction keeps ringing. What attitude control
+still swings in the end, of which the torque hardly knows, is taken away
+(``microvib.solve.steady.attitude``).
 """
 
 from __future__ import annotations
@@ -41,34 +41,12 @@ MAX_PERIOD_MULTIPLE = 16
 """Periods of the command after which the motion of a run may repeat, at most."""
 MAX_MULTIPLE = 300.0
 """Time [s] beyond which such multiples are not looked for."""
+EXPECTED_WITHIN = 7.0
+"""Decay times of the slowest mode in which a run settles, as a rule."""
 SETTLES_WITHIN = 12.0
 """Decay times of the slowest mode in which a run must have settled."""
-SHORTENED_WITHIN = 4.0
-"""Settling bound where deviations may be shortened."""
-DECAY_RATE_RATIO_RANGE = (0.5, 2.5)
-"""Rate of the decay, over that of the slowest mode, within which a deviation may be shortened."""
-SHORTENED_BELOW = 0.5
-"""Part of its largest value below which a deviation may be shortened: above it, each start is its
-own.
-"""
-STATES_PER_STRETCH = 4
-"""States in each stretch over which a change is averaged, at most, from which it is seen where a
-deviation goes.
-"""
-EXTRAPOLATED_FRACTION = 0.2
-"""Part of a deviation that is left when a run that is followed is shortened."""
 ATTITUDE_SETTLED = 1e-3
 """Deviation of attitude control's modes, over what a microstep moves, at which a run has settled."""
-INDEPENDENT = 1e-3
-"""Part of the largest singular value below which directions of a deviation are noise."""
-MAX_CHANGE_AFTER_EXTRAPOLATION, MAX_FAILED_EXTRAPOLATIONS = 0.6, 3
-"""Part of a change that may be left after a deviation was shortened, and how often more may be: it
-goes elsewhere then.
-"""
-DIED_OUT = 0.01
-"""Change, over that of a run that has settled, below which nothing is shortened."""
-MAX_EXTRAPOLATION_RATIO = 4.0
-"""Distance to where a deviation goes, over what was seen of it, at most."""
 
 NOT_SETTLED = (
     "no periodic steady state from rest: friction keeps a mode ringing, or stick-slip varies from"
@@ -99,7 +77,6 @@ class Settling:
     def __init__(self, run: RunFromRest) -> None:
         self.run, self.whole = run, 1.0 / run.period.frequency
         self.parts, self.stretch = _cut(run)
-        self.decaying = _DecayExtrapolation(self) if self.parts == 1 else None
         self.attitude = AttitudeModes(run.period.scenario)
         self.multiples = self._multiples()
         longest = max(self._lag(multiple) for multiple in self.multiples)
@@ -123,7 +100,7 @@ class Settling:
         )
         near, changes = 0, [math.inf] * looked
         while self.run.simulated < most:
-            self._go_on()
+            self.watch(self.stretch)
             multiple, change = self._repeats(self.stretch * self.run.rows, self.multiples)
             near = near + 1 if multiple else 0
             if near >= 2 and (found := self._period(multiple, rows)):
@@ -131,8 +108,6 @@ class Settling:
             changes.append(change)
             if self._knows_all_multiples() and change > GIVE_UP_CRITERION[1] * changes[-1 - looked]:
                 raise NotPeriodic(NOT_SETTLED)
-            if not near and self._shortened():
-                self._torque, changes = np.zeros(0), [math.inf] * looked
         raise NotPeriodic(
             self._too_long(self._decays(SETTLES_WITHIN))
             if most == self.run.longest
@@ -165,8 +140,8 @@ class Settling:
         return times / self.run.ringing.decay
 
     def _expected(self) -> float:
-        """Time [s] that the run takes to settle."""
-        return self._decays(SHORTENED_WITHIN if self.decaying is not None else SETTLES_WITHIN)
+        """Time [s] that the run takes to settle, as a rule."""
+        return self._decays(EXPECTED_WITHIN)
 
     def _most(self) -> float:
         """Time [s] in which it must have settled; NotPeriodic where that is too long."""
@@ -187,13 +162,6 @@ class Settling:
             f" it{_shorter_period_hint(period.scenario)}"
         )
 
-    def _go_on(self) -> None:
-        """Advance by a stretch."""
-        if self.decaying is None:
-            self.watch(self.stretch)
-        else:
-            self.decaying.watch(self.stretch)
-
     def watch(self, microsteps: int) -> None:
         """Advance, and keep the last of the torque."""
         torque, _ = self.run.advance(microsteps, self.run.rows)
@@ -204,13 +172,6 @@ class Settling:
         may be.
         """
         return self.run.simulated > (self.multiples[-1] + 1) * self.whole
-
-    def _shortened(self) -> bool:
-        """Whether the deviation from a motion that repeats with each period was shortened."""
-        if self.decaying is None:
-            return False
-        change, size = self._change(self.stretch * self.run.rows, 1), rms(self._torque)
-        return size > 0.0 and self.decaying.shortened(change / size)
 
     def _repeats(self, last: int, multiples: Iterable[int]) -> tuple[int, float]:
         """After how many periods of the command the ``last`` of the torque repeats, 0 where it does
@@ -265,88 +226,6 @@ class Settling:
         distance = float(np.max(np.abs(ended - begun) / period.sizes))
         stuck = float(np.sum(output)) * period.microsteps * period.microstep_time / T_d.size
         return Settled(period, begun, stick, T_d, stuck, distance)
-
-
-class _DecayExtrapolation:
-    """A run whose deviation from a motion that repeats with each period of the command is shortened
-    where it decays regularly.
-
-    Where the deviation goes is seen from states at starts of periods, by reduced rank extrapolation
-    (Sidi, Vector Extrapolation Methods, 2017): exact for a motion that is linear about it.
-    """
-
-    def __init__(self, settling: Settling) -> None:
-        self.settling, self.run = settling, settling.run
-        self.largest, self._before, self._misled = 0.0, math.inf, 0
-        self._begin_anew()
-
-    def _begin_anew(self) -> None:
-        self._states: list[np.ndarray] = []
-        self._last, self._regular = math.inf, 0
-
-    def watch(self, stretch: int) -> None:
-        """Advance by a ``stretch`` of microsteps, whole periods, and keep states on the way."""
-        period = self.run.period
-        pieces = _parts(stretch // period.microsteps, STATES_PER_STRETCH)
-        self._span = stretch * period.microstep_time
-        for _ in range(pieces):
-            self.settling.watch(stretch // pieces)
-            self._states.append(
-                np.append(self.run.seen() / period.sizes, period.packed.state.stick[:2])
-            )
-
-    def shortened(self, change: float) -> bool:
-        """Whether the deviation was shortened, after a ``change`` of the torque from one period to
-        the next was seen.
-        """
-        if math.isinf(change) or self._misled >= MAX_FAILED_EXTRAPOLATIONS:
-            return False
-        self._note(change)
-        if self._regular < 2 or not DIED_OUT * SETTLED < change <= SHORTENED_BELOW * self.largest:
-            return False
-        goal = self._goal(np.array(self._states[-3 * STATES_PER_STRETCH - 1 :]))
-        if goal is None:
-            return False
-        self.run.go_on_from(
-            goal + EXTRAPOLATED_FRACTION * (self.run.seen() - goal), self.run.stick()
-        )
-        self._before = change
-        self._begin_anew()
-        return True
-
-    def _note(self, change: float) -> None:
-        """Note whether a ``change`` fell where the deviation was shortened before, and whether it
-        falls regularly.
-        """
-        self._misled, self._before = (
-            self._misled + (change > MAX_CHANGE_AFTER_EXTRAPOLATION * self._before),
-            math.inf,
-        )
-        self.largest = max(self.largest, change)
-        if change > 0.0 and not math.isinf(self._last):
-            rate = math.log(self._last / change) / self._span
-        else:
-            rate = 0.0
-        low, high = (r * self.run.ringing.decay for r in DECAY_RATE_RATIO_RANGE)
-        self._regular, self._last = self._regular + 1 if low <= rate <= high else 0, change
-
-    def _goal(self, states: np.ndarray) -> np.ndarray | None:
-        """The state to which ``states`` (k, n + 2) decay; None where it is not seen, or where
-        frictions do not stay as they are.
-        """
-        x, modes = states[:, :-2], states[:, -2:]
-        if len(x) < 4 or np.ptp(modes, axis=0).any():
-            return None
-        steps = np.diff(x, axis=0).T
-        goal = (
-            x[0]
-            - steps[:, :-1]
-            @ np.linalg.lstsq(np.diff(steps, axis=1), steps[:, 0], rcond=INDEPENDENT)[0]
-        )
-        if np.max(np.abs(goal - x[-1])) > MAX_EXTRAPOLATION_RATIO * np.max(np.ptp(x, axis=0)):
-            return None
-        result: np.ndarray = goal * self.run.period.sizes
-        return result
 
 
 def _cut(run: RunFromRest) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.margins import frequency_error_bound
-from microvib.analysis.pointing import LEFT_OUT
+from microvib.analysis.pointing import LEFT_OUT, TORQUE_SPREAD
 from microvib.errors import MicrovibError, error_context, quoted_value
 from microvib.io.file_access import FileAccess
 from microvib.io.tables import dict_rows, parse_finite
@@ -279,7 +279,7 @@ def _line_table(path: Path) -> tuple[list[dict[str, str]], tuple[str, ...]]:
         path,
         "lines",
         (LOAD_COLUMNS, LOS_COLUMNS),
-        ("line", "source", "settled", LEFT_OUT, *_BOUNDS, *_PHASES),
+        ("line", "source", "settled", LEFT_OUT, TORQUE_SPREAD, *_BOUNDS, *_PHASES),
         _METRIC_COLUMNS,
     )
 

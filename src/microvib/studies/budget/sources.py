@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Protocol
 
@@ -24,6 +24,7 @@ from microvib.analysis.margins import (
 )
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import RunResult
+from microvib.analysis.spread import spread_sentence
 from microvib.analysis.start import (
     mode_has_decayed,
     record_gap,
@@ -201,6 +202,12 @@ class Contribution:
     asked for.
     """
     scenario: Scenario | None = None
+    torque_spreads: Mapping[str, float] = field(default_factory=dict)
+    """How far the drive's torque moves in each of its lines, by name, within the ranges that its sources
+    note, to first order and over the line (``microvib.analysis.spread``); nan where that is not
+    known."""
+    ranges: str = ""
+    """Sentence on these ranges; empty where no source notes one."""
     cases: np.ndarray | None = None
     """Amplitudes of its lines over the cases of a campaign, (cases, j, 2): the first k are those
     above, the others of lines that only cases have."""
@@ -304,6 +311,8 @@ def contribution_of_run(
         relative_error=np.maximum(relative_error, 1.0) if unknown else relative_error,
         frequency_error=frequency_error_bound(found.frequency, np.array(own_frequency)),
         scenario=scenario,
+        torque_spreads={x.name: x.spread / x.amplitude for x in own if x.amplitude > 0.0},
+        ranges=spread_sentence(result.table),
     ), found
 
 

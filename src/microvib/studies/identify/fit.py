@@ -67,6 +67,8 @@ from microvib.studies.identify.verdict import (
 from microvib.testdata.recording import Recording
 from microvib.units import GivenQuantity, quantity
 
+CHAIN_WIDTH = "2 Hz"
+"""Distance of frequencies over which a measuring chain's gain error stays nearly the same."""
 MODEL_ERROR = 0.004
 """Limit on the relative accuracy of any amplitude, from model and instrument chain: filters, steps,
 window.
@@ -172,6 +174,8 @@ def identify(  # noqa: PLR0913 - keyword options
     finishes: int = 3,
     model_error: float = MODEL_ERROR,
     common_error: float = 0.0,
+    chain_error: float = 0.0,
+    chain_width: GivenQuantity = CHAIN_WIDTH,
     settle_error: GivenQuantity | None = None,
     progress: FitProgress | None = None,
 ) -> Fit:
@@ -207,6 +211,11 @@ def identify(  # noqa: PLR0913 - keyword options
         Relative standard deviation that each amplitude is trusted to beyond its own uncertainty.
     common_error : float
         The same of all amplitudes of a recording together.
+    chain_error : float
+        The same of the gain of the measuring chain at a frequency, which is one for all recordings.
+    chain_width : str or Si
+        Distance of frequencies, such as ``"2 Hz"``, over which the chain's error stays nearly the
+        same: at this distance the correlation is 0.6, at twice as much 0.14.
     settle_error : str or Si, optional
         Standard deviation of ``record.settle``, such as ``"50 ms"``. Without it nobody knows in
         which quarter of the electrical turn a recording begins, and the driver's errors are known
@@ -239,7 +248,13 @@ def identify(  # noqa: PLR0913 - keyword options
     told = [_as_evidence(one, every) for one in evidence]
     fitted, wholes = _keys_by_recording(every, told, keys, share)
     _check_not_selected([*(key.key for key in fitted), *(key.key for key in wholes)], effects)
-    trust = ErrorModel(model_error, common_error, _settle_uncertainty(settle_error))
+    trust = ErrorModel(
+        model_error,
+        common_error,
+        _settle_uncertainty(settle_error),
+        chain_error,
+        quantity("chain_width", chain_width, "Hz", positive=True),
+    )
     tests, notes = without_start_dependence(told, scenario, fitted, trust)
     notes = (*_craft_warnings(tests, scenario), *notes)
     asked: tuple[Candidate, ...] = ()

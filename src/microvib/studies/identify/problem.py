@@ -53,6 +53,7 @@ _MISSING_DIFFERENCE = (
     | {"frequency": 1.0}
 )
 """Difference of a figure that a simulation does not have: as large as those of the worst that do."""
+_LEAST_VARIANCE = 1e-9  # of an error that lines share, over that of the largest
 MIN_BEAT_PERIODS = 10.0
 """Length of a short record in periods of the least difference between observed lines."""
 MAX_SHORTENING = 0.7
@@ -200,20 +201,27 @@ def _multiples(o: Observation, steps: int) -> tuple[int, int]:
 
 
 def shared_errors(
-    observed: Sequence[tuple[int, Observation]], tests: Sequence[Scenario], common: float
+    observed: Sequence[tuple[int, Observation]],
+    tests: Sequence[tuple[Evidence, Scenario]],
+    trust: ErrorModel,
 ) -> np.ndarray:
     """Standard deviations (figures, errors) by which errors that figures share move their
     differences.
 
-    There is one of each recording's scale, where its ``common`` deviation is not 0, and one of the
-    phase of each line that others are relative to.
+    There is one of each recording's scale, where its ``common`` deviation is not 0, those of the
+    measuring chain's gain over frequency (``chain_errors``), and one of the phase of each line that
+    others are relative to.
     """
     columns = []
-    if common:
+    if trust.common:
         for k in range(len(tests)):
-            columns.append([common * (j == k and o.form in TORQUE_FORMS) for j, o in observed])
+            columns.append(
+                [trust.common * (j == k and o.form in TORQUE_FORMS) for j, o in observed]
+            )
+    if trust.chain:
+        columns += chain_errors(observed, tests, trust).T.tolist()
     for k, name in dict.fromkeys((j, o.against) for j, o in observed if o.against):
-        steps = tests[k].motor.alike_per_turn
+        steps = tests[k][1].motor.alike_per_turn
         columns.append(
             [
                 -PHASE_FLOOR * _multiples(o, steps)[1] if (j, o.against) == (k, name) else 0.0
@@ -221,6 +229,47 @@ def shared_errors(
             ]
         )
     return np.array(columns).reshape(len(columns), len(observed)).T
+
+
+def chain_errors(
+    observed: Sequence[tuple[int, Observation]],
+    tests: Sequence[tuple[Evidence, Scenario]],
+    trust: ErrorModel,
+) -> np.ndarray:
+    """Standard deviations (figures, errors) by which errors of the measuring chain's gain move the
+    differences of amplitudes.
+
+    One chain measured all recordings. Its gain errors at two frequencies f and g have the correlation
+    exp(-((f - g)/chain_width)^2 / 2): the same at one frequency, whatever the recording, and
+    independent far apart.
+    """
+    rows = [k for k, (_, o) in enumerate(observed) if o.form in TORQUE_FORMS]
+    at = _frequencies([observed[k] for k in rows], tests)
+    apart = np.subtract.outer(at, at) / trust.chain_width
+    variances, directions = np.linalg.eigh(np.exp(-0.5 * apart**2))
+    kept = variances > _LEAST_VARIANCE * variances[-1:]
+    found = np.zeros((len(observed), int(np.count_nonzero(kept))))
+    found[rows] = trust.chain * directions[:, kept] * np.sqrt(variances[kept])
+    return found
+
+
+def _frequencies(
+    observed: Sequence[tuple[int, Observation]], tests: Sequence[tuple[Evidence, Scenario]]
+) -> np.ndarray:
+    """Frequencies [Hz] of observed amplitudes, (n,): of a level the middle of its bins, of a line as
+    measured, else as expected of its test.
+    """
+    of_lines: list[dict[str, float]] = []
+    for evidence, test in tests:
+        lines = expected_lines(test, Si(math.inf), evidence.harmonics)
+        measured = {o.line: o.value for o in evidence.observations if o.form == "frequency"}
+        of_lines.append({line.name: line.frequency for line in lines} | measured)
+    return np.array(
+        [
+            float(np.mean(o.bins)) / tests[k][0].duration if o.bins else of_lines[k][o.line]
+            for k, o in observed
+        ]
+    )
 
 
 @dataclass(frozen=True)
@@ -235,6 +284,10 @@ class ErrorModel:
     """Error common to all lines of a recording: its scale."""
     settle: float = math.inf
     """Error of the time before a recording [s]; infinite where it was not measured."""
+    chain: float = 0.0
+    """Error of the measuring chain's gain at a frequency, which lines near it share."""
+    chain_width: float = 2.0
+    """Distance of frequencies over which that error stays nearly the same [Hz]."""
 
 
 class BestSoFar:
@@ -308,7 +361,7 @@ class Problem:
                 for k, o in self.observed
             ]
         )
-        self.shared = shared_errors(self.observed, [test for _, test in self.tests], trust.common)
+        self.shared = shared_errors(self.observed, self.tests, trust)
         self.coordinates = Coordinates(tuple(self.keys))
         self.start = self.coordinates.start(
             _start_values(scenario, [test for _, test in tests], self.keys)

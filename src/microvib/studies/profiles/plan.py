@@ -15,6 +15,7 @@ from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, rate_step_response
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.winding_up import wind_up
+from microvib.signals.limit_curve import EVERYWHERE, Limit, LimitCurve
 from microvib.solve.command import Command
 from microvib.solve.integration import Progress
 from microvib.studies.profiles.correction import (
@@ -52,6 +53,9 @@ _ROUNDS = 3
 _ROUND_PART, _LEAST_PART = 0.97, 0.7
 """Part of the limit that a shape which is found anew is to keep in the worst drive, and the least part
 to which its limit is lowered at once."""
+RINGS_OFF = 0.01
+"""Part by which a mode may ring off its frequency in the linearised drive, where a limit over frequency is
+looked up."""
 MAX_MODES = 8
 """Modes that a profile is shaped for, at most."""
 
@@ -65,12 +69,15 @@ class Run:
     mode: str
     ringing: Ringing
     limit: float
-    """[N m]."""
+    """[N m]; the strictest within the uncertainty of the mode's frequency."""
     step: float
     """Ringing that a step of the rate leaves in the linearised drive of the case, of the mode that
     rings most [N m]."""
     counts: bool = True
     """Whether a verdict depends on it."""
+    fails_above: float | None = None
+    """Ringing above which it fails [N m], the most that a limit over frequency allows at the frequency of
+    the mode in this run; None where that is the limit itself."""
 
     @property
     def verdict(self) -> ShapeVerdict:
@@ -78,6 +85,8 @@ class Run:
         if self.ringing.most <= self.limit:
             return "pass"
         if math.isnan(self.ringing.amplitude):
+            return "not judged"
+        if self.fails_above is not None and self.ringing.amplitude <= self.fails_above:
             return "not judged"
         return "fail"
 
@@ -213,7 +222,8 @@ class ProfilePlan:
     """Modes that a step of the rate makes ring above the limit, the largest first."""
     shapes: tuple[Shape, ...]
     limit: float | None
-    """Largest ringing [N m]; None where it is relative to a step of the rate."""
+    """Largest ringing [N m], of a curve over frequency the least; None where it is relative to a step of
+    the rate."""
     attenuation: float
     """Smallest ratio of a step's ringing to that of a profile [dB], where there is no ``limit``."""
     frequency_uncertainty: float
@@ -223,6 +233,10 @@ class ProfilePlan:
     """Angle [rad] that is commanded first in the shape for the full model."""
     too_long: tuple[str, ...] = ()
     """Shapes that keep the limit at no length that was tried."""
+    curve: LimitCurve | None = None
+    """The limit over frequency; None where it is one number."""
+    not_limited: tuple[str, ...] = ()
+    """Modes that ring where a limit over frequency has no value: nothing is said of them."""
 
     def __repr__(self) -> str:
         best = self.best
@@ -309,7 +323,7 @@ def plan_profile(  # noqa: PLR0913 - keyword options
     angle: GivenQuantity | None = None,
     largest_rate: GivenQuantity | None = None,
     largest_acceleration: GivenQuantity | None = None,
-    limit: GivenQuantity | None = None,
+    limit: GivenQuantity | Limit | None = None,
     attenuation: float = DEFAULT_ATTENUATION,
     frequency_uncertainty: GivenQuantity | float = "10 percent",
     damping_uncertainty: GivenQuantity | float = "50 percent",
@@ -340,9 +354,10 @@ def plan_profile(  # noqa: PLR0913 - keyword options
         Largest rate while an angle is gained; needed with ``angle``.
     largest_acceleration : str or Si, optional
         Largest acceleration of the array, such as ``"0.1 deg/s^2"``; without it rates may jump.
-    limit : str or Si, optional
+    limit : str, Si or Limit, optional
         Largest ringing of a mode in T_d at the end of the manoeuvre, 0-to-peak, such as
-        ``"2 mN*m"``.
+        ``"2 mN*m"``, or a limit over frequency of the torque (``read_limit``). A mode passes by the
+        strictest value within the uncertainty of its frequency.
     attenuation : float
         Without a ``limit``: how far [dB] the ringing must be below what the largest change of rate
         leaves ringing as a step.
@@ -377,14 +392,14 @@ def plan_profile(  # noqa: PLR0913 - keyword options
     manoeuvre = _manoeuvre(
         scenario, initial_rate, final_rate, angle, largest_rate, largest_acceleration
     )
-    most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
+    curve = _limit_over_frequency(limit)
     lowered = float(quantity("attenuation", cast(GivenQuantity, attenuation), ""))
     if not 0.0 < lowered <= 100.0:
         raise OptionError("attenuation", "must be above 0 and at most 100 dB", f"{lowered:g}")
     study = _Study(
         scenario,
         manoeuvre,
-        most,
+        curve,
         lowered,
         _part("frequency_uncertainty", frequency_uncertainty),
         _part("damping_uncertainty", damping_uncertainty),
@@ -397,14 +412,30 @@ def plan_profile(  # noqa: PLR0913 - keyword options
         manoeuvre,
         study.modes[0],
         shapes,
-        most,
+        None if curve is None else curve.least,
         study.attenuation,
         study.frequency_uncertainty,
         study.damping_uncertainty,
         study.friction_uncertainty,
         study.wind_up,
         too_long,
+        None if curve is None or _is_one_number(curve) else curve,
+        study.not_limited,
     )
+
+
+def _limit_over_frequency(given: GivenQuantity | Limit | None) -> LimitCurve | None:
+    """The limit as a curve, of one number a flat one; None without a limit."""
+    if given is None:
+        return None
+    if isinstance(given, Limit):
+        return given.torque_curve("a rate profile")
+    return LimitCurve.flat(quantity("limit", given, "N*m", positive=True))
+
+
+def _is_one_number(curve: LimitCurve) -> bool:
+    """Whether a limit is one torque at all frequencies."""
+    return curve.is_flat and (curve.low, curve.high) == EVERYWHERE
 
 
 def _expect_modes(scenario: Scenario) -> None:
@@ -500,7 +531,7 @@ class _Study:
 
     scenario: Scenario
     manoeuvre: Manoeuvre
-    limit: float | None
+    limit: LimitCurve | None
     attenuation: float
     frequency_uncertainty: float
     damping_uncertainty: float
@@ -529,13 +560,26 @@ class _Study:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Modes that a step makes ring above the limit; at least the one that rings most."""
-        change, (_, largest) = self.manoeuvre.largest_change, self.ringing_modes[0]
-        if self.limit is None:
-            most = self.factor * largest * change
-        else:
-            most = self.limit / (1.0 + self.frequency_uncertainty)
-        above = [mode.name for mode, gain in self.ringing_modes if gain * change > most]
-        return tuple(above[:MAX_MODES]) or (self.ringing_modes[0][0].name,)
+        change = self.manoeuvre.largest_change
+        limited = [pair for pair in self.ringing_modes if math.isfinite(self._limit(pair[0]))]
+        if not limited:
+            raise self._nothing_limited()
+        above = [mode.name for mode, gain in limited if gain * change > self._limit(mode)]
+        return tuple(above[:MAX_MODES]) or (limited[0][0].name,)
+
+    @property
+    def not_limited(self) -> tuple[str, ...]:
+        """Modes at whose frequencies a limit over frequency has no value."""
+        return tuple(m.name for m, _ in self.ringing_modes if math.isinf(self._limit(m)))
+
+    def _nothing_limited(self) -> OptionError:
+        assert self.limit is not None
+        (first, _), low, high = self.ringing_modes[0], self.limit.low, self.limit.high
+        return OptionError(
+            "limit",
+            f"is given from {low:g} to {high:g} Hz and limits no mode: {first.name}, which rings most, is at"
+            f" {first.frequency:.4g} Hz",
+        )
 
     @cached_property
     def modes(self) -> tuple[tuple[UncertainMode, ...], ...]:
@@ -559,21 +603,39 @@ class _Study:
             self.frequency_uncertainty,
             ((1.0 - off) * mode.damping, min((1.0 + off) * mode.damping, 0.95)),
             gain,
-            share * self._limit(mode, gain) / (gain * change),
+            share * self._limit(mode) / (gain * change),
         )
 
-    def _limit(self, mode: CoupledMode, gain: float) -> float:
+    def _limit(self, mode: CoupledMode) -> float:
         """Limit of a mode [N m] that holds over its uncertainty, if its ringing is taken as
-        proportional to its frequency."""
+        proportional to its frequency; infinite where it has none."""
         if self.limit is None:
             return self.factor * self.ringing_modes[0][1] * self.manoeuvre.largest_change
-        return self.limit / (1.0 + self.frequency_uncertainty)
+        return self._strictest(self.limit, mode) / (1.0 + self.frequency_uncertainty)
+
+    def _strictest(self, curve: LimitCurve, mode: CoupledMode) -> float:
+        """The strictest limit within the uncertainty of a mode's nominal frequency [N m]."""
+        off = (1.0 + self.frequency_uncertainty) * (1.0 + RINGS_OFF) - 1.0
+        return float(curve.strictest((1.0 - off) * mode.frequency, (1.0 + off) * mode.frequency))
 
     def limits(self, case: Case) -> np.ndarray:
-        """Limits of the modes in a case [N m], (n,)."""
+        """Limits of the modes in a case [N m], (n,): those of all cases, for no notch of a limit may lie
+        between two of them."""
         if self.limit is None:
             return np.full(len(case.names), self.factor * self.step_ringing(case))
-        return np.full(len(case.names), self.limit)
+        nominal = {mode.name: mode for mode, _ in self.ringing_modes}
+        return np.array([self._strictest(self.limit, nominal[name]) for name in case.names])
+
+    def fails_above(self, case: Case) -> list[float | None]:
+        """The most that a limit over frequency allows the modes of a case at their frequencies [N m]; None
+        where that is the limit."""
+        curve = self.limit
+        if curve is None or _is_one_number(curve):
+            return [None] * len(case.names)
+        ends = [
+            ((1.0 - RINGS_OFF) * m.frequency, (1.0 + RINGS_OFF) * m.frequency) for m in case.modes
+        ]
+        return [float(curve.most_lenient(*one)) for one in ends]
 
     def step_ringing(self, case: Case) -> float:
         """Ringing that the largest change of rate leaves as a step in a case, of the mode that rings
@@ -746,8 +808,9 @@ class _Study:
     ) -> Iterator[Run]:
         for case, of_case in zip(cases, ringing, strict=True):
             limits, step = self.limits(case), self.step_ringing(case)
-            for mode, one, limit in zip(case.names, of_case, limits.tolist(), strict=True):
-                yield Run(name, case, mode, one, limit, step, counts)
+            each = zip(case.names, of_case, limits.tolist(), self.fails_above(case), strict=True)
+            for mode, one, limit, above in each:
+                yield Run(name, case, mode, one, limit, step, counts, above)
 
     def _shape(self, name: str, profile: RateProfile, runs: tuple[Run, ...]) -> Shape:
         residuals = tuple(
@@ -767,8 +830,7 @@ class _Study:
         )
 
     def _limit_of(self, mode: UncertainMode) -> float:
-        pair = next(pair for pair in self.ringing_modes if pair[0].name == mode.name)
-        return self._limit(*pair)
+        return self._limit(next(m for m, _ in self.ringing_modes if m.name == mode.name))
 
     def _full_shape(self, calls: Calls) -> Shape:
         """The shortest shape that allows for what the linearised drive lacks."""

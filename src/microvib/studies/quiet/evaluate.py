@@ -237,9 +237,18 @@ def evaluations(
     objective: Objective,
     file: Path | None = None,
     workers: int | None = None,
+    on_run: Callable[[], None] = lambda: None,
 ) -> Iterator[Evaluations]:
-    """Figures on all cores, or on threads without ``workers``."""
-    with parallel_calls(None, workers) as calls:
+    """Figures on all cores, or on threads without ``workers``; ``on_run`` is called after each run."""
+    told = 0
+
+    def progress(done: float, total: float) -> None:
+        nonlocal told
+        for _ in range(int(done) - told):
+            on_run()
+        told = int(done)
+
+    with parallel_calls(progress, workers) as calls:
         yield Evaluations(objective, calls, file)
 
 

@@ -311,7 +311,8 @@ def quiet(  # noqa: PLR0913 - keyword options
     workers : int, optional
         Processes that simulate; without it threads of this one do.
     progress : callable, optional
-        Called as ``progress(done, total)``, with settings.
+        Called as ``progress(done, total)``, with runs, from the first moment. Settings that are
+        given up early, and figures that are known, count as all their runs.
     on_best : callable, optional
         Called with a sentence for each setting that is better than those before.
 
@@ -350,8 +351,8 @@ def quiet(  # noqa: PLR0913 - keyword options
         parsed = parse_levers(levers, scenario, TableLimits(bits, table_rows))
         _require_seen(parsed, wanted)
     sampled = draw_cases(scenario, parsed, spread, cases)
-    with evaluations(wanted, kept, workers) as figures:
-        told = _Told(effort, len(parsed), progress, on_best)
+    told = _Told(progress, on_best)
+    with evaluations(wanted, kept, workers, told.run) as figures:
         task = _Task(scenario, wanted, parsed, constraints, sampled, figures, bits, effort, told)
         if table is not None:
             return task.checked(table)
@@ -381,30 +382,41 @@ CANDIDATES = 6
 """Settings of a search of which one is chosen by more cases."""
 AS_GOOD = 1.1
 """Ratio of their worst figures up to which settings are taken for equally good."""
-CHOOSING, JUDGING = 4, 20
-"""Settings that a choice and the judgement of one design count as in the progress."""
 
 
 class _Told:
-    """How far a search is, and its best setting so far."""
+    """How far a search is, in runs, and its best setting so far."""
 
-    def __init__(
-        self,
-        effort: int,
-        levers: int,
-        progress: Progress | None,
-        on_best: Callable[[str], None] | None,
-    ) -> None:
-        self._progress, self._on_best, self._done = progress, on_best, 0
-        alone = min(ALONE_EFFORT, effort) * levers
-        searched = alone + max(effort // 2, 4) + effort if levers else 0
-        self._total = searched + (CANDIDATES * CHOOSING if levers else 0) + 3 * JUDGING
+    def __init__(self, progress: Progress | None, on_best: Callable[[str], None] | None) -> None:
+        self._progress, self._on_best, self._total = progress, on_best, 1
+        self._before = self._expected = self._done = self._within = 0
+        self._tell()
 
-    def step(self, count: int = 1) -> None:
-        """So many settings more are done."""
-        self._done = min(self._done + count, self._total)
+    def expect(self, runs: int) -> None:
+        """So many runs are ahead in all parts together, about."""
+        self._total = runs
+        self._tell()
+
+    def begin(self, runs: int) -> None:
+        """A part of the work begins that takes so many runs, about."""
+        self._before += self._expected
+        self._expected, self._done, self._within = runs, 0, 0
+        self._tell()
+
+    def run(self) -> None:
+        """One run more is made."""
+        self._within += 1
+        self._tell()
+
+    def step(self, runs: int) -> None:
+        """Count so many runs as done, whether all of them were made or not."""
+        self._done, self._within = self._done + runs, 0
+        self._tell()
+
+    def _tell(self) -> None:
+        done = self._before + min(self._done + self._within, self._expected)
         if self._progress is not None:
-            self._progress(self._done, self._total)
+            self._progress(min(done, self._total), self._total)
 
     def best(self, text: str) -> None:
         """A setting is better than all before."""
@@ -426,17 +438,51 @@ class _Task:
     effort: int
     told: _Told
 
+    @property
+    def _runs_alone(self) -> int:
+        """Runs of one lever alone."""
+        return min(ALONE_EFFORT, self.effort) * len(SEARCHED) + len(STARTS)
+
+    @property
+    def _runs_nominal(self) -> int:
+        """Runs of the search over the nominal drive."""
+        return self._effort_nominal * len(SEARCHED)
+
+    @property
+    def _effort_nominal(self) -> int:
+        return max(self.effort // 2, 4)
+
+    @property
+    def _runs_searched(self) -> int:
+        """Runs of the search over drawn cases."""
+        return self.effort * len(self.cases.searched) * len(SEARCHED)
+
+    @property
+    def _runs_chosen(self) -> int:
+        """Runs by which one of the best settings is chosen."""
+        return CANDIDATES * len(self.cases.chosen_by) * len(STARTS)
+
+    @property
+    def _runs_judged(self) -> int:
+        """Runs by which one design is judged."""
+        return (1 + len(self.cases.judged)) * len(STARTS)
+
     def checked(self, file: Path) -> QuietDrive:
         """A table that was given, judged."""
         table = {"driver.table": read_current_table(file)}
+        self.told.expect(2 * self._runs_judged)
         return self._judged(None, self.scenario.with_(table), (), (), None)
 
     def searched(self) -> QuietDrive:
         """The best setting, judged, with what each lever brings alone."""
+        ahead = len(self.levers) * self._runs_alone + self._runs_nominal
+        self.told.expect(ahead + self._runs_searched + self._runs_chosen + 3 * self._runs_judged)
         alone = tuple(self._alone(lever) for lever in self.levers)
         nominal = self._search([{}], self.levers)
-        best = nominal.run(max(self.effort // 2, 4), tuple(nominal.as_it_is()))
+        self.told.begin(self._runs_nominal)
+        best = nominal.run(self._effort_nominal, tuple(nominal.as_it_is()))
         search = self._search(self.cases.searched, self.levers, robust=True)
+        self.told.begin(self._runs_searched)
         search.run(self.effort, (best.setting, *search.as_it_is()))
         found = self._chosen(search, best.setting)
         if not math.isfinite(found.worst):
@@ -456,9 +502,10 @@ class _Task:
         """
         drives = Drives(search.drives.base, self.cases.chosen_by, STARTS, self.constraints.why_not)
         choice = Search(drives, self.levers, self.figures)
+        self.told.begin(self._runs_chosen)
         for setting in dict.fromkeys((*search.unlike(CANDIDATES - 1), nominal)):
             choice.worst(setting, AS_GOOD * choice.best)
-            self.told.step(CHOOSING)
+            self.told.step(len(drives.cases) * len(STARTS))
         finished = [one for one in choice.tried if math.isfinite(one.median)]
         alike = [one for one in finished if one.worst <= AS_GOOD * choice.best]
         return min(alike, key=lambda one: one.median, default=search.tried[0])
@@ -470,7 +517,7 @@ class _Task:
         drives = Drives(base, cases, SEARCHED, self.constraints.why_not)
 
         def on_tried(one: Tried, better: bool) -> None:
-            self.told.step()
+            self.told.step(len(cases) * len(SEARCHED))
             if robust and better:
                 self.told.best(self._best_in_words(one))
 
@@ -483,6 +530,7 @@ class _Task:
 
     def _alone(self, lever: Lever) -> LeverAlone:
         search = self._search([{}], (lever,))
+        self.told.begin(self._runs_alone)
         best = search.run(min(ALONE_EFFORT, self.effort), tuple(search.as_it_is()))
         if best.why_not:
             return LeverAlone(lever.name, "", math.inf, math.inf, best.why_not)
@@ -542,8 +590,9 @@ class _Task:
             return with_levers(scenario, self.levers, change)
 
         every = drawn(base, [{}, *self.cases.judged], STARTS, changed)
+        self.told.begin(len(every))
         found = self.figures.figures(every)
-        self.told.step(JUDGING)
+        self.told.step(len(every))
         by_case = [found[k : k + len(STARTS)] for k in range(0, len(found), len(STARTS))]
         values = np.array([[one.value for one in starts] for starts in by_case])
         most = np.array([[one.most for one in starts] for starts in by_case]).max(axis=1)

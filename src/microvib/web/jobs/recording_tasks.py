@@ -17,7 +17,13 @@ from microvib.errors import MicrovibError
 from microvib.io.file_access import NO_FILES
 from microvib.io.kept_recording import keep_recording, kept_recording
 from microvib.io.pyramid_files import pyramid_parts
-from microvib.io.recordings import Prepared, beside_background, read_recording
+from microvib.io.recordings import (
+    Prepared,
+    beside_background,
+    preparation_from_text,
+    read_prepared,
+    read_recording,
+)
 from microvib.io.scenario_file import scenario_of
 from microvib.io.tables import to_json
 from microvib.io.yaml_text import parse_yaml
@@ -41,10 +47,9 @@ from microvib.studies.track import track_orders
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording
 from microvib.web.jobs import ProgressCallback, recording_results
-from microvib.web.jobs.processing import Part, Processing
+from microvib.web.jobs.processing import NOT_SENT_WITH, Part, Preparing, Processing, RecordedFile
+from microvib.web.jobs.sent_tables import sent_tables
 
-RecordedFile = tuple[str, str]
-"""File of a recording, and what its owner calls it."""
 _CELLS = 8_000, 4_000
 """Rows and columns of a waterfall that are kept, at most."""
 
@@ -126,20 +131,77 @@ def _in_unit(whole: Recording, channel: str, unit: str) -> Recording:
     return replace(stated.apply(whole), faults=None, alone=None)
 
 
-def _cut(upload: RecordedFile, channel: str, part: Part) -> tuple[Recording, float]:
-    """A recording, or a section of it, and the time [s] at which it begins."""
-    whole = _in_unit(recorded(upload), channel, part.unit)
-    return (whole, 0.0) if part.section is None else part.section.cut(whole)
+def preparation(folder: str, preparing: Preparing | None) -> Preparation | None:
+    """The preparation that a request states; None without one."""
+    if preparing is None:
+        return None
+    with sent_tables(Path(folder), preparing.tables, NOT_SENT_WITH) as files:
+        return preparation_from_text(preparing.text, files, preparing.recordings)
+
+
+def prepared(
+    upload: RecordedFile, how: Preparation | None, background: RecordedFile | None = None
+) -> Prepared:
+    """A recording as it is, or as a preparation makes it of its file, beside a background where one is given
+    or the preparation names one.
+    """
+    if how is None:
+        alone = recorded(upload)
+        return (
+            Prepared(alone)
+            if background is None
+            else beside_background(alone, recorded(background))
+        )
+    if background is not None:
+        if how.background is not None:
+            raise MicrovibError(
+                "background: is stated in the preparation, too; leave one of them out"
+            )
+        how = how.model_copy(update={"background": background[0]})
+    path, name = upload
+    called = {path: name} if how.background is None else {path: name, how.background: "background"}
+    if background is not None:
+        called[background[0]] = background[1]
+
+    def renamed(text: str) -> str:
+        for file, its in called.items():
+            text = text.replace(file, its)
+        return text
+
+    def under_its_name(found: Recording) -> Recording:
+        notes = tuple(map(renamed, found.notes))
+        return replace(found, title=renamed(found.title), notes=notes)
+
+    try:
+        found = read_prepared(path, how)
+    except MicrovibError as error:
+        raise MicrovibError(renamed(str(error))) from None
+    beside = None if found.background is None else under_its_name(found.background)
+    return replace(found, recording=under_its_name(found.recording), background=beside)
+
+
+def _in_units_of(source: Prepared, channel: str, unit: str) -> Prepared:
+    beside = source.background
+    return replace(
+        source,
+        recording=_in_unit(source.recording, channel, unit),
+        background=None if beside is None else _in_unit(beside, channel, unit),
+    )
 
 
 def _prepared(
-    recording: RecordedFile, channel: str, part: Part, background: RecordedFile | None
+    recording: RecordedFile,
+    channel: str,
+    part: Part,
+    how: Preparation | None,
+    background: RecordedFile | None = None,
 ) -> tuple[Prepared, float]:
     """A section of a recording beside all of its background, and when it begins [s]."""
-    cut, start = _cut(recording, channel, part)
-    if background is None:
-        return Prepared(cut), start
-    return beside_background(cut, _in_unit(recorded(background), channel, part.unit)), start
+    whole = _in_units_of(prepared(recording, how, background), channel, part.unit)
+    if part.section is None:
+        return whole, 0.0
+    cut, start = part.section.cut(whole.recording)
+    return replace(whole, recording=cut), start
 
 
 def analysis(  # noqa: PLR0913 - what a process is sent
@@ -154,7 +216,8 @@ def analysis(  # noqa: PLR0913 - what a process is sent
 ) -> None:
     """Lines with uncertainties, spectra, waterfall and bands of a recording, or of a section of it."""
     tell(0, None, "", "reading and finding the lines")
-    source, start = _prepared(recording, channel, part, background)
+    how = preparation(folder, part.preparing)
+    source, start = _prepared(recording, channel, part, how, background)
     found = _processed(processing, source, channel, scenario, recording[1])
     where = Path(folder)
     np.save(where / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
@@ -224,9 +287,11 @@ def tracking(  # noqa: PLR0913 - what a process is sent
     opened, whatever a profile is called.
     """
     tell(0, None, "", "finding the speed and tracking the orders")
-    whole = _in_unit(recorded(recording), channel, part.unit)
+    whole, _ = _prepared(
+        recording, channel, replace(part, section=None), preparation(folder, part.preparing)
+    )
     found = track_orders(
-        Prepared(whole),
+        whole,
         orders,
         channel=channel,
         section=part.section,
@@ -238,7 +303,7 @@ def tracking(  # noqa: PLR0913 - what a process is sent
     found = replace(found, name=recording[1])
     against = None if limit is None else cuts_against(found, limit)
     cut, w = found.cuts[0], found.waterfall
-    start = 0.0 if part.section is None else part.section.cut(whole)[1]
+    start = 0.0 if part.section is None else part.section.cut(whole.recording)[1]
     _keep_waterfall(Path(folder), w.frequency, w.time + float(cut.time[0]) + start, w.amplitude)
     _write(folder, recording_results.tracking_result(found, against, start))
 
@@ -252,18 +317,20 @@ def comparison(  # noqa: PLR0913 - what a process is sent
     run_title: str = "",
     other: RecordedFile | None = None,
     scenario: Scenario | None = None,
+    preparing: Preparing | None = None,
 ) -> None:
     """Lines of a recording beside those of a run's scenario (its file), simulated at the clock that
     the recording shows, or beside another recording's.
     """
+    how = preparation(folder, preparing)
     if other is None:
         text = Path(str(run)).read_text(encoding="utf-8")
         second: Any = scenario_of(parse_yaml(text, run_title), run_title)
     else:
-        second = Prepared(recorded(other))
+        second = prepared(other, how)
     names = (recording[1], run_title if other is None else other[1])
     found = compare(
-        Prepared(recorded(recording)), second, names=names, scenario=scenario, channel=channel,
+        prepared(recording, how), second, names=names, scenario=scenario, channel=channel,
         progress=lambda done, total: tell(done, total, "s", "simulating"),
     )  # fmt: skip
     _write(folder, page_answer(comparison_outcome(*found), pictures=other is not None))
@@ -275,10 +342,12 @@ def repeated(
     channels: Sequence[str],
     scenario: Scenario,
     tell: ProgressCallback,
+    preparing: Preparing | None = None,
 ) -> None:
     """Repeated tests of units: mean, scatter and outliers of their lines."""
     tell(0, None, "", "finding the lines of all recordings")
-    tests = [RecordedRun(file[1], Prepared(recorded(file)), unit) for file, unit in runs]
+    how = preparation(folder, preparing)
+    tests = [RecordedRun(file[1], prepared(file, how), unit) for file, unit in runs]
     found = repeatability(tests, scenario=scenario, channels=channels)
     _write(folder, page_answer(repeatability_outcome(found), pictures=True))
 
@@ -294,10 +363,10 @@ def batch(  # noqa: PLR0913 - what a process is sent
     tell: ProgressCallback,
 ) -> None:
     """Several recordings processed alike, with their figures and spectra side by side."""
-    found = []
+    found, how = [], preparation(folder, part.preparing)
     for k, one in enumerate(recordings):
         tell(k, len(recordings), "recordings", f"processing {one[1]}")
-        source, _ = _prepared(one, channel, part, background)
+        source, _ = _prepared(one, channel, part, how, background)
         found.append(_processed(processing, source, channel, scenario, one[1]))
     outcomes = [analysis_outcome(one, with_spectra_files=False) for one in found]
     names = [one[1] for one in recordings]

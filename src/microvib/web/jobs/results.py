@@ -42,7 +42,7 @@ from microvib.solve.motion import Motion
 from microvib.studies.angles import AngleSweep
 from microvib.studies.identify import Fit
 from microvib.studies.quiet.study import QuietDrive
-from microvib.studies.rates import RatePlan
+from microvib.studies.rates import RateCase, RatePlan
 from microvib.web.routes.forms import values_of
 
 _MAX_MODES = 40
@@ -171,6 +171,7 @@ def rates_result(plan: RatePlan) -> dict[str, Any]:
                 {"line": x.name, "frequency": x.frequency, "amplitude": x.amplitude}
                 for x in case.lines
             ],
+            "nearest": _nearest(plan, case),
         }
         for case in plan.cases
     ]
@@ -182,6 +183,15 @@ def rates_result(plan: RatePlan) -> dict[str, Any]:
         "limit": plan.limit,
         "band": list(plan.band),
     }
+
+
+def _nearest(plan: RatePlan, case: RateCase) -> dict[str, Any] | None:
+    """The line of a case that is nearest to a limit over frequency, and what that allows it; None without
+    such a limit or a line."""
+    line = None if plan.curve is None else plan.governing(case)
+    if line is None:
+        return None
+    return {"line": line.name, "amplitude": line.amplitude, "allowed": plan.allowed_to(case)}
 
 
 def angles_result(sweep: AngleSweep) -> dict[str, Any]:

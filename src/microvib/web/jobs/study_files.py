@@ -6,6 +6,7 @@ from pathlib import Path
 
 from microvib.io.tables import to_json
 from microvib.reports import rendering
+from microvib.reports.document import Document
 from microvib.reports.outcome import Outcome, page_answer, report, text_files
 
 TABLES = "tables"
@@ -19,11 +20,12 @@ def keep_tables(folder: Path, outcome: Outcome) -> None:
         (folder / TABLES / name).write_text(text, encoding="utf-8")
 
 
-def keep_study(folder: Path, outcome: Outcome) -> None:
+def keep_study(folder: Path, outcome: Outcome, document: Document | None = None) -> None:
     """Leave ``result.json``, with the tables as files, ``report.html``, and ``report.pdf`` where the
-    library that makes it is installed.
+    library that makes it is installed; the report is the ``document`` where one is given.
     """
-    document = report(outcome)
+    if document is None:
+        document = report(outcome)
     reports = ["report.html"]
     (folder / "report.html").write_text(rendering.html(document), encoding="utf-8")
     try:

@@ -19,7 +19,6 @@ from microvib.analysis.run import run_scenario
 from microvib.errors import MicrovibError
 from microvib.export.subject import subject_of
 from microvib.export.targets import target_of_file
-from microvib.io.recordings import Prepared
 from microvib.io.runs import write_motion
 from microvib.io.tables import to_json
 from microvib.model.line_names import driving_line
@@ -51,18 +50,20 @@ from microvib.web.jobs import ProgressCallback, campaigns, results
 from microvib.web.jobs.budgets import budget, budget_file  # noqa: F401 - as those below
 from microvib.web.jobs.envelopes import envelope  # noqa: F401 - as those below
 from microvib.web.jobs.kept_runs import keep_run, kept_run
+from microvib.web.jobs.processing import Preparing, RecordedFile
 from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called by their names here
-    RecordedFile,
     analysis,
     batch,
     comparison,
-    recorded,
+    preparation,
+    prepared,
     recording,
     repeated,
     samples,
     tracking,
 )
 from microvib.web.jobs.study_files import keep_tables
+from microvib.web.jobs.table_tests import acceptance, hammer  # noqa: F401 - as those above
 from microvib.web.routes.forms import FILES, Spec, array_structure, view_of
 
 
@@ -189,6 +190,7 @@ def identification(  # noqa: PLR0913 - what a process is sent
     fit: list[str],
     starts: int,
     tell: ProgressCallback,
+    preparing: Preparing | None = None,
 ) -> None:
     """Parameters from recordings."""
 
@@ -196,15 +198,16 @@ def identification(  # noqa: PLR0913 - what a process is sent
         tell(simulations, None, "simulations", f"{stage} search, best so far: {values_text(best)}")
 
     keys = [parse_key(scenario, text) for text in fit]
+    how = preparation(folder, preparing)
     tests: list[tuple[Any, dict[str, object]]] = [
-        (evidence_of(Prepared(recorded(one)), scenario, channel), {}) for one in recordings
+        (evidence_of(prepared(one, how), scenario, channel), {}) for one in recordings
     ]
     found = identify(scenario, tests, keys, starts=starts, progress=progress)
     _write(folder, results.identification_result(found, scenario))
 
 
 def rates(  # noqa: PLR0913 - what a process is sent
-    folder: str, scenario: Scenario, rates: Sequence[Si], microsteps: list[int], limit: Si | None, band: Band,
+    folder: str, scenario: Scenario, rates: Sequence[Si], microsteps: list[int], limit: Limit | None, band: Band,
     linear: bool, tell: ProgressCallback,
 ) -> None:  # fmt: skip
     """A rate plan."""
@@ -216,10 +219,16 @@ def rates(  # noqa: PLR0913 - what a process is sent
     _write(folder, results.rates_result(plan))
 
 
-def angles(folder: str, scenario: Scenario, angles: Sequence[Si], tell: ProgressCallback) -> None:
-    """A sweep over angles of the array."""
+def angles(
+    folder: str,
+    scenario: Scenario,
+    angles: Sequence[Si],
+    limit: Limit | None,
+    tell: ProgressCallback,
+) -> None:
+    """A sweep over angles of the array, judged at each of them where there is a limit."""
     found = sweep_angles(
-        scenario, angles, progress=lambda done, total: tell(done, total, "angles", "simulating"),
+        scenario, angles, limit=limit, progress=lambda done, total: tell(done, total, "angles", "simulating"),
     )  # fmt: skip
     keep_tables(Path(folder), angles_outcome(found))
     _write(folder, results.angles_result(found))
@@ -240,7 +249,7 @@ def quiet(  # noqa: PLR0913 - what a process is sent
     best = ["searching"]
     found = search_quieter(
         scenario, objective, levers, bits=bits, cases=cases, effort=effort, files=FILES,
-        progress=lambda done, total: tell(done, total, "settings", best[-1]),
+        progress=lambda done, total: tell(done, total, "runs", best[-1]),
         on_best=lambda text: best.append(f"best so far {text}"),
     )  # fmt: skip
     _write(folder, results.quiet_result(found, limit))

@@ -9,11 +9,12 @@ from typing import Any
 from fastapi import APIRouter
 from fastapi.responses import FileResponse
 
-from microvib.errors import ScenarioError
+from microvib.errors import OptionError, ScenarioError
 from microvib.io.file_access import FileAccess, sent_files
 from microvib.model.coupling import require_craft
 from microvib.studies.angles import angles_in
 from microvib.studies.budget.files import OtherSource
+from microvib.web.jobs.budget_designs import Design
 from microvib.web.routes.common import (
     RequestRefused,
     StoreDependency,
@@ -27,7 +28,7 @@ from microvib.web.routes.messages import BudgetOf, Id, Started
 from microvib.web.routes.new_jobs import check_size
 from microvib.web.routes.results import done, there
 
-WITH_REPORTS = ("budget", "envelope")
+WITH_REPORTS = ("budget", "envelope", "hammer", "acceptance")
 """Kinds of computations that leave a report."""
 REPORTS = {"report.html": "text/html", "report.pdf": "application/pdf"}
 
@@ -51,11 +52,34 @@ def start_budget(want: BudgetOf, store: StoreDependency) -> Started:
     )
     listed = () if sources is None else sources.sources
     _check_tables(listed, files)
+    title = f"pointing budget of {scenario.title}"
+    second = _second_design(store, want, listed)
+    if second is not None:
+        _check_tables(second.sources, files)
+        title = f"{title} and {second.scenario.title}"
     return start(
-        store, "budget", f"pointing budget of {scenario.title}", want, scenario=scenario,
+        store, "budget", title, want, scenario=scenario,
         required=required, sources=listed, tables=want.tables,
         how={"rule": want.rule, "one_clock": want.one_clock, "steady": want.steady}, several=several,
+        second=second,
     )  # fmt: skip
+
+
+def _second_design(
+    store: StoreDependency, want: BudgetOf, sources: Sequence[OtherSource]
+) -> Design | None:
+    """The design that is compared, with its own sources or the first one's; None where there is none."""
+    if want.other is None and not want.other_sources.strip():
+        return None
+    if not want.requirement.strip():
+        raise OptionError(
+            "requirement", "is missing; two designs are judged by the same requirements"
+        )
+    scenario = requested(store, want.scenario if want.other is None else want.other)
+    require_craft(scenario)
+    check_size(scenario, store.limits.record)
+    own = _read(store, "sources", want.other_sources)
+    return Design(scenario, sources if own is None else own.sources)
 
 
 def _read(store: StoreDependency, key: str, text: str) -> Any:

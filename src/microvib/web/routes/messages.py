@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from microvib.signals.impacts import Estimator
 from microvib.signals.spectrum import Average, Window
 from microvib.studies.budget.sums import Rule
 from microvib.studies.campaign.study_file import Method
@@ -49,7 +50,24 @@ class Run(Body):
     )
 
 
-class SectionOf(Body):
+Described = Annotated[str, Field(max_length=200_000)]
+"""Text of a file that describes something (YAML)."""
+Sent = Annotated[str, Field(max_length=1_000_000)]
+"""Text of a table that came with a request."""
+
+
+class PreparingOf(Body):
+    """How recordings are prepared; tables that it names come with it, and no other file is opened."""
+
+    prepare: Described = Field(
+        default="", description="a preparation file's text (YAML), as of --prepare"
+    )
+    tables: dict[Short, Sent] = Field(
+        default_factory=dict, max_length=20, description="tables that it names: name and text"
+    )
+
+
+class SectionOf(PreparingOf):
     """A section of a recording, in texts with units as on the command line, and the unit of its channel."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
@@ -116,7 +134,7 @@ class TrackingOf(SectionOf):
     )
 
 
-class ComparisonOf(Body):
+class ComparisonOf(PreparingOf):
     """A recording beside a run, or beside another recording, whose lines a scenario names."""
 
     recording: Id
@@ -133,7 +151,7 @@ class TestOf(Body):
     unit: Short = ""
 
 
-class RepeatedOf(Body):
+class RepeatedOf(PreparingOf):
     """Repeated tests."""
 
     tests: list[TestOf] = Field(min_length=2, max_length=MAX_TESTS)
@@ -141,7 +159,43 @@ class RepeatedOf(Body):
     scenario: Spec
 
 
-class IdentificationOf(Body):
+class HitOf(Body):
+    """A recording of blows along or about one axis of the table."""
+
+    recording: Id
+    load: Literal["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
+    arm: Short | None = Field(default=None, description="lever arm of a torque, such as 0.2 m")
+
+
+class HammerOf(Body):
+    """A hammer test of a force table."""
+
+    hits: list[HitOf] = Field(min_length=1, max_length=MAX_TESTS)
+    mounted_mass: Short = Field(description="mass on the table in the test, such as 12 kg")
+    impact: Short = Field(default="hammer", description="channel of the hammer's force")
+    block: Short | None = None
+    estimator: Estimator = "H1"
+
+
+class AcceptanceOf(PreparingOf):
+    """An acceptance report of several recordings from a template."""
+
+    tests: list[TestOf] = Field(min_length=1, max_length=MAX_TESTS)
+    channel: Short = "Mz"
+    scenario: Spec
+    template: Described = Field(description="Markdown with parts such as {{ test.verdicts }}")
+    data: Described = Field(default="", description="words of the template, as YAML text")
+    limit: Annotated[str, Field(max_length=20_000)] | None = Field(
+        default=None, description="a torque, or a table of a limit over frequency as CSV text"
+    )
+    band: Short | None = None
+    reference: Literal["", "scenario"] | Id = Field(
+        default="", description="what the first run is compared with: the scenario, or a recording"
+    )
+    hammer: HammerOf | None = None
+
+
+class IdentificationOf(PreparingOf):
     """Parameters from recordings."""
 
     recordings: list[Id] = Field(min_length=1, max_length=10)
@@ -163,7 +217,9 @@ class RatesOf(Body):
     microsteps: list[Annotated[int, Field(ge=1, le=65_536)]] = Field(
         default_factory=list, max_length=10
     )
-    limit: Short | None = None
+    limit: Annotated[str, Field(max_length=20_000)] | None = Field(
+        default=None, description="a torque, or a table of a limit over frequency as CSV text"
+    )
     band: Short | None = None
     linear: bool = False
 
@@ -174,12 +230,10 @@ class AnglesOf(Body):
     scenario: Spec
     angles: Short = Field(description="FIRST:LAST:STEP in degrees, or a list")
     steady: bool = False
-
-
-Described = Annotated[str, Field(max_length=200_000)]
-"""Text of a requirement file or of a file of sources (YAML)."""
-Sent = Annotated[str, Field(max_length=1_000_000)]
-"""Text of a table that came with a request."""
+    limit: Annotated[str, Field(max_length=20_000)] | None = Field(
+        default=None, description="a torque, or a table of a limit over frequency as CSV text"
+    )
+    band: Short | None = None
 
 
 class BudgetOf(Body):
@@ -200,6 +254,12 @@ class BudgetOf(Body):
         default=None, description="FIRST:LAST:STEP in degrees, or a list; else the scenario's own"
     )
     orbit: bool = False
+    other: Spec | None = Field(
+        default=None, description="a second design, judged by the same requirements"
+    )
+    other_sources: Described = Field(
+        default="", description="other sources of the second design, as YAML text; else the first's"
+    )
 
 
 class EnvelopeOf(Body):
@@ -444,6 +504,8 @@ class JobState(BaseModel):
         "tracking",
         "batch",
         "repeated",
+        "hammer",
+        "acceptance",
     ]
     title: str
     state: Literal["queued", "running", "done", "failed", "cancelled"]

@@ -50,7 +50,9 @@ from microvib.web.routes.messages import (
     ShapesOf,
     Started,
 )
+from microvib.web.routes.processing import preparing_of
 from microvib.web.routes.recordings import upload_of
+from microvib.web.routes.results import limit_of
 
 _RAW = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
 
@@ -144,6 +146,7 @@ def start_identification(want: IdentificationOf, store: StoreDependency) -> Star
     return start(
         store, "identification", ", ".join(u.name for u in uploads), want, recordings=[u.file for u in uploads],
         scenario=requested(store, want.scenario), channel=want.channel, fit=want.fit, starts=want.starts,
+        preparing=preparing_of(store, want),
     )  # fmt: skip
 
 
@@ -157,10 +160,9 @@ def start_rates(want: RatesOf, store: StoreDependency) -> Started:
             "count", f"rates times microstep counts are at most {store.limits.cases} here"
         )
     rates = rate_grid(want.low, want.high, want.count)
-    if want.limit is None:
-        limit = None
-    else:
-        limit = quantity("limit", want.limit, "N*m", positive=True)
+    limit = limit_of(want.limit, None)
+    if limit is not None:
+        limit.torque_curve("a plan of rates")
     if want.band is None:
         within = (Si(0.0), Si("inf"))
     else:
@@ -180,8 +182,9 @@ def start_angles(want: AnglesOf, store: StoreDependency) -> Started:
     check_sweep(scenario)
     check_size(scenario, store.limits.record // (os.cpu_count() or 1))
     return start(
-        store, "angles", f"angles of {scenario.title}", want, scenario=scenario, angles=angles
-    )
+        store, "angles", f"angles of {scenario.title}", want, scenario=scenario, angles=angles,
+        limit=limit_of(want.limit, want.band),
+    )  # fmt: skip
 
 
 @routes.post("/quiet", status_code=202)

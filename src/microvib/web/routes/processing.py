@@ -13,13 +13,13 @@ from fastapi import Path as PathParameter
 
 from microvib.errors import OptionError
 from microvib.io.band_limits import BandLimit, band_limits_from_text
-from microvib.io.file_access import NO_FILES
+from microvib.io.file_access import NO_FILES, sent_files
 from microvib.io.limit_files import given_limit, limit_from_text
 from microvib.io.pyramid_files import mapped_pyramid
 from microvib.signals.limit_curve import Limit
 from microvib.signals.screen import largest_in_cells
 from microvib.testdata.section import Section
-from microvib.web.jobs.processing import Part, Processing
+from microvib.web.jobs.processing import NOT_SENT_WITH, Part, Preparing, Processing
 from microvib.web.jobs.store import Store, Upload
 from microvib.web.routes.common import (
     RequestRefused,
@@ -33,6 +33,7 @@ from microvib.web.routes.messages import (
     BatchOf,
     ComparisonOf,
     Id,
+    PreparingOf,
     ProcessingOf,
     RecordedMap,
     RecordedSeries,
@@ -52,9 +53,18 @@ _ROWS, _COLUMNS = 160, 600
 routes = APIRouter(responses=refusals(404, 409, 429))
 
 
-def _part_of(want: SectionOf) -> Part:
+def preparing_of(store: Store, want: PreparingOf) -> Preparing | None:
+    """The preparation that a request states; OptionError where a table's name is none."""
+    sent_files(Path(), want.tables, NOT_SENT_WITH)
+    if not want.prepare.strip():
+        return None
+    here = {one.name: str(one.path) for one in store.uploads()}
+    return Preparing(want.prepare, want.tables, here)
+
+
+def _part_of(store: Store, want: SectionOf) -> Part:
     section = Section.stated(want.start, want.stop, want.trigger, want.pre_trigger)
-    return Part(section, want.unit or "")
+    return Part(section, want.unit or "", preparing_of(store, want))
 
 
 def _processing(want: ProcessingOf) -> Processing:
@@ -77,7 +87,7 @@ def _given(store: Store, want: AnalysisOf | BatchOf) -> dict[str, Any]:
     return {
         "channel": want.channel,
         "scenario": requested(store, want.scenario),
-        "part": _part_of(want),
+        "part": _part_of(store, want),
         "background": _background(store, want),
         "processing": _processing(want),
     }
@@ -100,7 +110,7 @@ def start_analysis(want: AnalysisOf, store: StoreDependency) -> Started:
 @routes.post("/batches", status_code=202)
 def start_batch(want: BatchOf, store: StoreDependency) -> Started:
     """Several recordings processed alike."""
-    uploads = _once_each([upload_of(store, id) for id in dict.fromkeys(want.recordings)])
+    uploads = once_each([upload_of(store, id) for id in dict.fromkeys(want.recordings)])
     if len(uploads) < 2:
         raise OptionError("recordings", "names one recording; two or more are expected")
     return start(
@@ -126,7 +136,7 @@ def start_tracking(want: TrackingOf, store: StoreDependency) -> Started:
         channel=want.channel,
         orders=_orders(want.orders),
         reference=_reference(store, want),
-        part=_part_of(want),
+        part=_part_of(store, want),
         fixed=want.fixed,
         bandwidth=want.bandwidth,
         limit=_limit(want.limit),
@@ -182,7 +192,7 @@ def start_comparison(want: ComparisonOf, store: StoreDependency) -> Started:
     else:
         other = upload_of(store, str(want.other))
         title = other.name
-        _, file = _once_each([upload, other])
+        _, file = once_each([upload, other])
         scenario = None if want.scenario is None else requested(store, want.scenario)
         more = {"other": file, "scenario": scenario}
     return start(
@@ -192,6 +202,7 @@ def start_comparison(want: ComparisonOf, store: StoreDependency) -> Started:
         want,
         recording=upload.file,
         channel=want.channel,
+        preparing=preparing_of(store, want),
         **more,
     )
 
@@ -200,7 +211,7 @@ def start_comparison(want: ComparisonOf, store: StoreDependency) -> Started:
 def start_repeated(want: RepeatedOf, store: StoreDependency) -> Started:
     """Mean, scatter and outliers of the lines of repeated tests."""
     tests = {test.recording: test.unit for test in want.tests}
-    files = _once_each([upload_of(store, id) for id in tests])
+    files = once_each([upload_of(store, id) for id in tests])
     if len(files) < 2:
         raise OptionError("tests", "name one recording; two or more are expected")
     return start(
@@ -211,10 +222,11 @@ def start_repeated(want: RepeatedOf, store: StoreDependency) -> Started:
         runs=list(zip(files, tests.values(), strict=True)),
         channels=want.channels,
         scenario=requested(store, want.scenario),
+        preparing=preparing_of(store, want),
     )
 
 
-def _once_each(uploads: list[Upload]) -> list[tuple[str, str]]:
+def once_each(uploads: list[Upload]) -> list[tuple[str, str]]:
     """Files of recordings with their names; of those that are called alike, with a number."""
     found: list[tuple[str, str]] = []
     for upload in uploads:

@@ -22,6 +22,7 @@ from microvib.web.routes import (
     recordings,
     results,
     scenarios,
+    table_tests,
 )
 from microvib.web.routes.common import RequestRefused, refusals, refused
 from microvib.web.server.access import Access
@@ -50,6 +51,7 @@ def create_app(store: Store, access: Access, assets: Assets | None = None) -> Gu
         envelopes,
         recordings,
         processing,
+        table_tests,
         campaigns,
         results,
         kept,

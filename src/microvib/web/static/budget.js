@@ -2,7 +2,7 @@
 
 import { post } from "./api.js";
 import { describedField, sentTables } from "./described.js";
-import { h } from "./dom.js";
+import { announce, h } from "./dom.js";
 import { keepFields } from "./kept.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
@@ -20,6 +20,8 @@ const RULES = [
 const requirement = describedField("budget-requirement", "Requirements (YAML)", { placeholder: REQUIREMENT, accept: YAML });
 const sources = describedField("budget-sources", "Other sources (YAML), if there are any", { placeholder: SOURCES, accept: YAML });
 const tables = sentTables("budget.tables", "budget-tables", "Tables that the sources name (CSV)");
+const other = describedField("budget-other", "Design B: a second scenario (YAML)", { placeholder: "Both are judged by the same requirements.", rows: 3, accept: YAML });
+const otherSources = describedField("budget-other_sources", "Other sources of design B", { placeholder: "those above", rows: 3, accept: YAML });
 const rule = h("select", { id: "budget-rule", name: "rule" }, RULES.map(([value, words]) => h("option", { value }, words)));
 const angles = h("input", { type: "text", id: "budget-angles", name: "angles", placeholder: "as in the form", spellcheck: "false" });
 const box = (name, title, words) => {
@@ -29,6 +31,13 @@ const box = (name, title, words) => {
 const orbit = box("orbit", "Judge each requirement at the worst angle of one revolution, or between the first and the last that are given", "over an orbit");
 const clock = box("one_clock", "All drives step from one clock: their lines keep their phases to each other", "one clock");
 const steady = box("steady", "Start in the periodic steady state, without settling", "steady");
+const second = h(
+  "details",
+  { class: "more" },
+  h("summary", {}, "Two designs"),
+  h("div", { class: "bar" }, h("button", { type: "button", onclick: keepAsSecond }, "Keep the scenario on the left as design B"), h("span", { class: "soft note" }, "Design A is the scenario on the left when Assess is pressed.")),
+  h("div", { class: "descriptions" }, other.element, otherSources.element),
+);
 const place = h("div", {});
 const result = h("div", { class: "figures" });
 const task = makeTask("budget", place, (found, context, id) => result.replaceChildren(...studyCards("Pointing budget", found, id)));
@@ -40,6 +49,7 @@ export function makeBudget(tab) {
     "form",
     { onsubmit: assess },
     h("div", { class: "descriptions" }, requirement.element, h("div", {}, sources.element, tables.element)),
+    second,
     h(
       "div",
       { class: "ask" },
@@ -52,12 +62,27 @@ export function makeBudget(tab) {
     ),
   );
   tab.append(h("section", { class: "card" }, h("h2", {}, "Pointing budget"), h("p", { class: "soft" }, words), ask, place), result);
+  keepFields("budget.other", { other: other.input, other_sources: otherSources.input });
+  second.open = Boolean(other.input.value.trim() || otherSources.input.value.trim());
   keepFields("budget.asked", { requirement: requirement.input, sources: sources.input, rule, angles, orbit: orbit.input, one_clock: clock.input, steady: steady.input });
   task.restore();
 }
 
 /** A budget of the library. */
 export const openBudget = ({ id, title }) => task.open({ id, name: title });
+
+/** The scenario of the form becomes design B; what is changed in the form then is design A. */
+async function keepAsSecond() {
+  try {
+    const { yaml } = await scenario.asFile();
+    if (!yaml) return announce("The scenario on the left has errors; mend them first.", { error: true });
+    other.input.value = yaml;
+    other.input.dispatchEvent(new Event("input", { bubbles: true }));
+    announce("The scenario on the left is design B.");
+  } catch (error) {
+    announce(error.message, { error: true });
+  }
+}
 
 async function assess(event) {
   event.preventDefault();
@@ -71,6 +96,8 @@ async function assess(event) {
     orbit: orbit.input.checked,
     one_clock: clock.input.checked,
     steady: steady.input.checked,
+    other: other.input.value.trim() ? { text: other.input.value } : undefined,
+    other_sources: otherSources.input.value.trim() ? otherSources.input.value : undefined,
   };
   await task.start("Budget", () => post("/api/budgets", body));
 }

@@ -21,7 +21,7 @@ async function fill(input, file) {
   announce(`${chosen.name} is in the field.`);
 }
 
-/** A list of tables that were chosen, each with a button that takes it away; `texts()` are their contents by name. */
+/** A list of tables that were chosen, each with a button that takes it away; `texts()` are their contents by name, `add(name, text)` puts one there. */
 export function sentTables(key, id, words) {
   const list = h("ul", { class: "sent", "aria-label": "Tables that were chosen" });
   const file = h("input", { type: "file", id, name: "tables", class: "away", accept: ".csv,.txt,text/csv", multiple: true });
@@ -34,7 +34,7 @@ export function sentTables(key, id, words) {
   });
   const choose = h("label", { class: "button" }, "Choose tables…", file);
   show();
-  return { texts: () => tables, element: h("div", { class: "described" }, h("span", {}, words), choose, list) };
+  return { texts: () => tables, add: (name, text) => set({ ...tables, [name]: text }), element: h("div", { class: "described" }, h("span", {}, words), choose, list) };
 
   function set(next) {
     tables = next;

@@ -24,6 +24,8 @@ const KINDS = {
   tracking: ["orders", "tab-recording", openRecording],
   batch: ["several recordings", "tab-recording", openRecording],
   repeated: ["repeatability", "tab-recording", openRecording],
+  hammer: ["hammer test", "tab-recording", openRecording],
+  acceptance: ["acceptance report", "tab-recording", openRecording],
   identification: ["fit", "tab-recording", openRecording],
   rates: ["rate map", "tab-rates", openRates],
   campaign: ["campaign", "tab-campaign", openCampaign],

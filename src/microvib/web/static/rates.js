@@ -1,6 +1,7 @@
 // The Rate map tab: lines over rate (Campbell diagram), where they meet modes, which rates a limit forbids.
 
 import { post } from "./api.js";
+import { describedField } from "./described.js";
 import { announce, h, number } from "./dom.js";
 import { amplitudeAxis, onUnits, shown } from "./measures.js";
 import { draw, ink } from "./plots.js";
@@ -22,10 +23,9 @@ const ASKED = [
   ["to", "to", "0.3 deg/s"],
   ["count", "rates", "60"],
   ["microsteps", "microsteps", "16, 32"],
-  ["limit", "limit of a line", ""],
   ["band", "band of lines", ""],
 ];
-const HINTS = { limit: "such as 30 mN*m", band: "such as 0.5:5 Hz" };
+const HINTS = { band: "such as 0.5:5 Hz" };
 const inputs = Object.fromEntries(
   ASKED.map(([key, , value]) => [
     key,
@@ -39,6 +39,7 @@ const inputs = Object.fromEntries(
     }),
   ]),
 );
+const limit = describedField("rates-limit", "Limit of a line: a torque, or a curve over frequency (CSV)", { placeholder: "30 mN*m, or the lines of a table: frequency_hz,t_mnm …", rows: 2, accept: ".csv,.txt,text/csv" });
 const linear = h("input", { type: "checkbox", id: "rates-linear" });
 const place = h("div", {});
 const result = h("div", { class: "figures" });
@@ -51,13 +52,18 @@ const task = makeTask("rates", place, show);
 export function makeRates(tab) {
   const ask = h(
     "form",
-    { class: "ask", onsubmit: plan },
-    ASKED.map(([key, words]) => h("label", {}, words, inputs[key])),
-    h("label", { class: "check", title: "Driving lines only, in closed form" }, linear, "linearised drive (instant)"),
-    h("button", { class: "primary" }, "Map"),
+    { onsubmit: plan },
+    limit.element,
+    h(
+      "div",
+      { class: "ask" },
+      ASKED.map(([key, words]) => h("label", {}, words, inputs[key])),
+      h("label", { class: "check", title: "Driving lines only, in closed form" }, linear, "linearised drive (instant)"),
+      h("button", { class: "primary" }, "Map"),
+    ),
   );
   tab.append(h("section", { class: "card" }, h("h2", {}, "Rate map of the scenario"), ask, place), result);
-  keepFields("rates.asked", { ...inputs, linear });
+  keepFields("rates.asked", { ...inputs, limit: limit.input, linear });
   task.restore();
 }
 
@@ -77,7 +83,7 @@ async function plan(event) {
       .split(/[\s,]+/)
       .filter(Boolean)
       .map(Number),
-    limit: text("limit") || undefined,
+    limit: limit.input.value.trim() || undefined,
     band: text("band") || undefined,
   };
   await task.start("Rate map", () => post("/api/rates", body), { scenario: body.scenario });
@@ -112,7 +118,7 @@ async function show(plan, context) {
   result.replaceChildren(
     card("Best rates", plan.summary, ...partContent(first)),
     card("Campbell diagram", "Dashed: modes through the drive; rings: where a line meets one. A click on a point offers its run.", offer, campbell),
-    card("Largest line over rate", "", largest),
+    card(byCurve(plan) ? "Line nearest to the limit over rate" : "Largest line over rate", byCurve(plan) ? "Red: what the limit allows at the frequency of that line." : "", largest),
     ...partCards(others),
   );
   redraw = () => Promise.all([drawCampbell(campbell, plan, counts), drawLargest(largest, plan, counts)]);
@@ -255,8 +261,19 @@ const bands = (plan, n, tail) =>
       layer: "below",
     }));
 
+/** A logarithmic axis; within a decade the ticks are whole numbers, for a lone digit between powers of ten would be read as one. */
+function logarithmic(axis, traces) {
+  if (axis.dB) return {};
+  const all = traces.flatMap(({ y }) => y).filter((value) => value > 0);
+  return { type: "log", ...(Math.max(...all) > 10 * Math.min(...all) ? { dtick: "D2" } : { tickformat: ".3~g", nticks: 6 }) };
+}
+
+/** Whether a map was judged by a limit over frequency. */
+const byCurve = (plan) => plan.cases.some(({ nearest }) => nearest);
+
 function drawLargest(place, plan, counts) {
   const axis = amplitudeAxis("N*m");
+  if (byCurve(plan)) return drawNearest(place, plan, counts, axis);
   const [low, high] = plan.band?.map((edge) => edge ?? Infinity) ?? [0, Infinity];
   const top = (item) =>
     item.lines
@@ -282,7 +299,29 @@ function drawLargest(place, plan, counts) {
       : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: axis.y(plan.limit), y1: axis.y(plan.limit), line: { color: LIMIT, width: 2 } }];
   return draw(place, traces, {
     xaxis: { title: { text: "rate of the array [deg/s]" } },
-    yaxis: { title: { text: `largest line [${axis.printed}]` }, ...(axis.dB ? {} : { type: "log", dtick: "D2" }) },
+    yaxis: { title: { text: `largest line [${axis.printed}]` }, ...logarithmic(axis, traces) },
     shapes: limit,
+  });
+}
+
+/** Of each rate the line with the smallest margin to a limit over frequency, and what that allows it. */
+function drawNearest(place, plan, counts, axis) {
+  const traces = counts.flatMap((n, k) => {
+    const cases = plan.cases.filter((item) => item.microsteps === n && item.nearest);
+    const [color, dash] = style(k);
+    const along = {
+      x: cases.map((item) => deg(item.rate)),
+      customdata: cases.map((item) => [deg(item.rate), n]),
+      text: cases.map(({ nearest }) => nearest.line),
+    };
+    const hover = `<b>%{text}</b><br>%{x:.4g} deg/s<br>%{y:.4g} ${axis.printed}`;
+    return [
+      { ...along, y: cases.map(({ nearest }) => axis.y(nearest.amplitude)), name: `${n} microsteps`, mode: "lines+markers", line: { color, dash, width: 1.4 }, marker: { size: 4 }, hovertemplate: `${hover}<extra>${n} microsteps</extra>` },
+      { ...along, y: cases.map(({ nearest }) => axis.y(nearest.allowed)), name: `limit, ${n} microsteps`, mode: "lines", line: { color: LIMIT, dash, width: 1.6, shape: "hv" }, hovertemplate: `${hover}<extra>limit</extra>` },
+    ];
+  });
+  return draw(place, traces, {
+    xaxis: { title: { text: "rate of the array [deg/s]" } },
+    yaxis: { title: { text: `line nearest to the limit [${axis.printed}]` }, ...logarithmic(axis, traces) },
   });
 }

@@ -1,11 +1,14 @@
 // The Recording tab: a test's file, what is in it, beside the current run, and parameters from it.
 
+import { makeAcceptance } from "./acceptance.js";
 import { get, post, upload } from "./api.js";
 import { announce, h, number, onDrop, quantity } from "./dom.js";
 import { makeFit } from "./fit.js";
+import { makeHammer } from "./hammer.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
 import { makeBands } from "./band_histories.js";
+import { makePreparation } from "./preparation.js";
 import { makeProcessing } from "./processing.js";
 import { makeTask, progressRow } from "./progress.js";
 import * as recorded from "./recorded.js";
@@ -44,15 +47,21 @@ let fit = null;
 const outcome = h("div", { class: "figures", hidden: true }); // what the analysis gave
 const history = makeHistory(processSection);
 const processing = makeProcessing((section) => recording && history.mark(section));
+const preparation = makePreparation();
 const waterfall = makeWaterfall("waterfall", "Waterfall");
 const bands = makeBands();
 const tracking = makeTracking(() => ({
   recording: recording?.id,
   channel: channel.value,
   channels: recording?.channels.map(({ name }) => name) ?? [],
-  section: processing.section(),
+  section: { ...processing.section(), ...preparation.asked() },
 }));
-const several = makeSeveral(() => ({ channel: channel.value, processing: processing.asked() }));
+const several = makeSeveral(
+  () => ({ channel: channel.value || "Mz", processing: processing.asked(), preparing: preparation.asked() }),
+  (recordings) => [hammer, acceptance].forEach((one) => one.offer(recordings)),
+);
+const hammer = makeHammer(preparation.correctBy);
+const acceptance = makeAcceptance(() => ({ channel: channel.value || "Mz", tests: several.ticked(), preparing: preparation.asked(), hammer: hammer.asked() }));
 
 const grouped = (count) => String(count).replace(/\B(?=(\d{3})+$)/g, "\u202f"); // 10 000 000
 const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
@@ -64,7 +73,7 @@ export function makeRecording(place) {
     takeAll(chosen);
   });
   onDrop(zone, takeAll);
-  fit = makeFit(() => ({ recordings: [recording.id], channel: channel.value }));
+  fit = makeFit(() => ({ ...preparation.asked(), recordings: [recording.id], channel: channel.value }));
   const beside = "The run's scenario is simulated at the clock that the recording shows, then both are read the same way.";
   outcome.append(
     recorded.spectrum.card,
@@ -85,6 +94,7 @@ export function makeRecording(place) {
         h("button", { type: "button", class: "primary", onclick: analyse }, "Process"),
       ),
       processing.element,
+      preparation.element,
       working,
     ),
     history.card,
@@ -99,12 +109,14 @@ export function makeRecording(place) {
     ),
     card("Identification", fit.element),
   );
-  place.append(zone, state, found, several.card);
+  place.append(zone, state, found, several.card, ...hammer.elements, ...acceptance.elements);
   processing.choose(async () => {
     await several.fill();
     return several.choices().filter(({ id }) => id !== recording?.id);
   });
   several.fill();
+  hammer.restore();
+  acceptance.restore();
   runs.onChange((what) => what === "runs" && recorded.spectrum.update());
   restore();
 }
@@ -196,11 +208,14 @@ function restore() {
 /** A recording of the library, or what was made of one or several: {kind, id, title, asked}. */
 export async function openRecording({ kind, id, title, asked }) {
   const job = { id, name: title };
+  if (kind === "acceptance") return acceptance.open(job);
+  if (kind === "hammer") return hammer.open({ ...job, asked });
   if (kind === "batch" || kind === "repeated" || asked.other) return several.open(kind, job);
   const of = { recording: id, identification: asked.recordings?.[0] }[kind] ?? asked.recording;
   const answer = await get(`/api/recordings/${of}`);
   if (kind === "recording") return begin(answer);
   if (["analysis", "tracking"].includes(kind)) processing.take(asked);
+  if (kind !== "recording") preparation.take(asked);
   if (recording?.id !== answer.id) show(answer, asked.channel);
   return { analysis: analysing.open, comparison: comparisons.open, identification: fit.open, tracking: tracking.open }[kind](job);
 }
@@ -213,7 +228,7 @@ function processSection([from, to]) {
 
 function analyse() {
   keep(KEPT, { recording, channel: channel.value });
-  const body = { ...processing.asked(), recording: recording.id, channel: channel.value, scenario: scenario.current() };
+  const body = { ...processing.asked(), ...preparation.asked(), recording: recording.id, channel: channel.value, scenario: scenario.current() };
   state.replaceChildren();
   return analysing.start(`Analysis of ${channel.value}`, () => post("/api/analyses", body));
 }
@@ -257,7 +272,7 @@ function compare() {
     comparison.replaceChildren(h("p", { class: "error", role: "alert" }, missing));
     return;
   }
-  const body = { recording: recording.id, run: run.id, channel: channel.value };
+  const body = { ...preparation.asked(), recording: recording.id, run: run.id, channel: channel.value };
   comparisons.start(`Comparison with ${run.name}`, () => post("/api/comparisons", body));
 }
 

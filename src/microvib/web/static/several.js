@@ -12,8 +12,8 @@ import { partContent } from "./tables.js";
 
 const HIGHEST = 200;
 
-/** The card; `evidence()` gives {channel, processing} when it is asked. */
-export function makeSeveral(evidence) {
+/** The card; `evidence()` gives {channel, processing, preparing} when it is asked, `onList(recordings)` hears what there is. */
+export function makeSeveral(evidence, onList = () => {}) {
   const list = h("div", { class: "several" });
   const place = h("div", {});
   const words = h("div", {});
@@ -45,6 +45,7 @@ export function makeSeveral(evidence) {
     there = (await get("/api/recordings")).sort((a, b) => a.name.localeCompare(b.name, undefined, { numeric: true }));
     const chosen = new Map(ticked().map(({ id, unit }) => [id, unit]));
     list.replaceChildren(...there.map((one) => row(one, chosen)));
+    onList(there);
   }
 
   function row({ id, name, duration, channels }, chosen) {
@@ -67,20 +68,22 @@ export function makeSeveral(evidence) {
     const two = ticked();
     if (two.length !== 2) return announce("Tick two recordings: the first is A, the second B.", { error: true });
     leave();
-    const body = { recording: two[0].id, other: two[1].id, channel: evidence().channel, scenario: scenario.current() };
+    const { channel, preparing } = evidence();
+    const body = { ...preparing, recording: two[0].id, other: two[1].id, channel, scenario: scenario.current() };
     return tasks.comparison.start("Comparison of two recordings", () => post("/api/comparisons", body));
   }
 
   function repeat() {
     leave();
-    const body = { tests: ticked().map(({ id, unit }) => ({ recording: id, unit })), channels: [evidence().channel], scenario: scenario.current() };
+    const { channel, preparing } = evidence();
+    const body = { ...preparing, tests: ticked().map(({ id, unit }) => ({ recording: id, unit })), channels: [channel], scenario: scenario.current() };
     return tasks.repeated.start("Repeatability", () => post("/api/repeated", body));
   }
 
   function alike() {
     leave();
-    const { channel, processing } = evidence();
-    const body = { ...processing, recordings: ticked().map(({ id }) => id), channel, scenario: scenario.current() };
+    const { channel, processing, preparing } = evidence();
+    const body = { ...processing, ...preparing, recordings: ticked().map(({ id }) => id), channel, scenario: scenario.current() };
     return tasks.batch.start("Processing", () => post("/api/batches", body));
   }
 
@@ -112,6 +115,8 @@ export function makeSeveral(evidence) {
     card,
     fill: () => fill().catch((error) => announce(error.message, { error: true })),
     choices: () => there,
+    /** Those that are ticked, with their units: {id, unit}. */
+    ticked,
     restore: () => Object.values(tasks).forEach((task) => task.restore()),
     open: (kind, job) => {
       leave();
