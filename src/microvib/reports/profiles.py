@@ -357,7 +357,7 @@ def _best_text(plan: ProfilePlan, shape: Shape) -> str:
 
 
 def _search_text(plan: ProfilePlan, shape: Shape) -> Iterator[str]:
-    """What the search for the worst drive leaves open."""
+    """Remainder that the search for the worst drive leaves open."""
     counted = [run for run in shape.runs if run.counts]
     if (
         not counted

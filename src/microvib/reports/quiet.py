@@ -112,7 +112,7 @@ def _change(before: float, after: float) -> str:
 
 
 def _absent(*figures: float) -> str:
-    """What stands for a figure that is not finite: of a drive that does not come to its rate, or of
+    """Text for a figure that is not finite: of a drive that does not come to its rate, or of
     one whose record does not tell.
     """
     return "not known" if any(map(math.isnan, figures)) else "fails"
@@ -246,7 +246,7 @@ def _why_unknown(found: QuietDrive) -> str:
 
 
 def _verdict_text(found: QuietDrive, target: float | None) -> Iterator[str]:
-    """What a limit says of the design, a sentence."""
+    """Verdict of a limit on the design, a sentence."""
     verdict = _verdict(found, target)
     if target is None or not verdict:
         return

@@ -55,7 +55,7 @@ class Figure(NamedTuple):
     lines: tuple[tuple[str, float, float], ...] = ()
     """Name, frequency [Hz] and amplitude [N m], which is nan where the line is above the passband."""
     most: float = math.inf
-    """What the value is at most: itself where it is known."""
+    """Upper bound of the value: itself where it is known."""
 
 
 _KIND = "at any frequency"
@@ -139,7 +139,7 @@ class Evaluations:
         """Runs that were simulated."""
 
     def values(self, cases: Sequence[Case]) -> np.ndarray:
-        """What the figure of each case is at most, (cases,); infinite where there is no motion at the
+        """Upper bound of the figure of each case, (cases,); infinite where there is no motion at the
         rate, or nothing is known of it.
         """
         return np.array([one.most for one in self.figures(cases)])

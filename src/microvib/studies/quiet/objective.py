@@ -72,7 +72,7 @@ class Objective:
         return max(first, default=0.0)
 
     def most(self, found: DriveLines) -> float:
-        """What the figure is at most where a named line is not seen: its bound, infinite without one."""
+        """Upper bound of the figure where a named line is not seen, infinite without one."""
         bound = dict(found.bounds).get(self.line, math.nan)
         return bound if math.isfinite(bound) else math.inf
 

@@ -86,7 +86,7 @@ class Spread:
     """Figures of the cases, each from its worst start, (cases,); infinite where it does not come to its
     rate, nan where it is not known: a record does not show what is asked for."""
     most: np.ndarray
-    """What they are at most, (cases,); infinite where nothing is known."""
+    """Upper bounds of them, (cases,); infinite where nothing is known."""
     coexisting: Annotated[int, Column("coexisting", "cases with several motions", COUNT)]
     """Cases in which different starts lead to different motions."""
 
