@@ -306,3 +306,35 @@ def test_a_report_that_is_made_again_has_its_bands_again(tmp_path):
     second = (tmp_path / "run" / "report.html").read_text()
     said = re.compile(r"Peaks in bands: [^<]*")
     assert said.findall(second) == said.findall(first) != []
+
+
+def test_a_peak_at_the_end_of_what_is_looked_at_is_none_of_the_interpolation():
+    """A record that is cut where a tone is large has no peak that the tone has not."""
+    for seconds in np.linspace(8.0, 8.05, 12):
+        cut = record((66.0, 1.0), seconds=float(seconds), rate=1024.0)
+        one = judged(cut, 13.5, 90.0, 1.02, roll_off=0.1)
+        assert one.peak == pytest.approx(1.0, abs=5e-3)
+        assert one.verdict == "pass"
+        assert judged(cut, 13.5, 90.0, 0.98, roll_off=0.1).verdict == "fail"
+
+
+def test_a_band_whose_own_peak_is_above_its_limit_does_not_pass():
+    """Bursts on the slopes of the edges, of whose parts some are larger than their envelope."""
+    rng = np.random.default_rng(4)
+    t = np.arange(round(8.0 * RATE)) / RATE
+    for _ in range(300):
+        low = float(np.exp(rng.uniform(math.log(4.0), math.log(40.0))))
+        roll_off = float(rng.choice([0.05, 0.1, 0.2]))
+        x = 1e-6 * rng.normal(size=t.size)
+        for edge in (low, low, 3.0 * low):
+            f, begin = edge * rng.uniform(0.85, 1.2), rng.uniform(2.0, 6.0)
+            burst = (t > begin) & (t < begin + rng.uniform(0.02, 1.0))
+            x += rng.uniform(0.1, 1.0) * burst * np.cos(2.0 * np.pi * f * t + rng.uniform(0.0, 6.3))
+        bursts = Recording({"Mz": x}, RATE, {"Mz": "N*m"}, "bursts")
+        one = judged(bursts, low, 3.0 * low, 1e6, roll_off=roll_off)
+        if math.isnan(one.peak):
+            continue
+        assert one.least <= one.peak <= one.largest
+        if one.peak < 0.99 * one.largest:
+            continue
+        assert judged(bursts, low, 3.0 * low, 0.999 * one.peak, roll_off=roll_off).verdict != "pass"

@@ -34,6 +34,7 @@ from microvib.studies.profiles.shapes import (
     zero_vibration,
 )
 from microvib.studies.profiles.shortest import Bounds, samples_of, shortest_change
+from microvib.studies.profiles.worst import TOLERANCE, search_worst, start_grid
 
 F, ZETA = 1.19, 0.01
 RATE = math.radians(0.06)
@@ -575,3 +576,54 @@ def test_the_command_writes_its_folder_and_refuses_in_a_sentence(tmp_path):
     assert run.exit_code != 0
     assert "--final-rate" in run.output
     assert "Traceback" not in run.output
+
+
+# ---- The worst within the ranges ----
+
+
+def test_the_worst_of_a_narrow_peak_is_found_and_what_is_left_is_bounded():
+    """Ringing that is largest between the points of the first grid, off in frequency and in damping."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        centre, width = rng.uniform(0.87, 1.13), rng.uniform(0.02, 0.1)
+        lightest = rng.uniform(0.5, 1.5)
+
+        def rings(at, centre=centre, width=width, lightest=lightest):
+            peak = 1.0 / (1.0 + ((at[0] - centre) / width) ** 2)
+            return peak * math.exp(-((at[1] - lightest) ** 2)) * np.exp(3j * at[0])
+
+        def measured(points, rings=rings):
+            found = []
+            for at in points:
+                case = Case(mv.load_scenario("state-1"), ("mode",), *at)
+                c = rings(at)
+                found.append((case, (Ringing(abs(c), float(np.angle(c)), abs(c), "ok"),)))
+            return found
+
+        worst = search_worst(start_grid(0.15, 0.5, 0.0), measured, lambda case: np.ones(1))
+        largest = max(one.most for (one,) in worst.ringing)
+        true = max(
+            abs(rings((f, d, 1.0)))
+            for f in np.linspace(0.85, 1.15, 301) for d in np.linspace(0.5, 1.5, 101)
+        )  # fmt: skip
+        assert largest >= true - TOLERANCE
+        assert true <= largest + worst.between
+        assert worst.between <= TOLERANCE
+
+
+def test_a_profile_keeps_its_limit_at_any_frequency_and_damping(state_1):
+    """The worst is at 50 % less damping and 5.6 % more frequency, where runs at the ends are quiet."""
+    drive = state_1.with_si(
+        {"tracking.rate": math.radians(0.1), "driver.microsteps": 32, "array.modes.0.damping": 0.05}
+    )
+    plan = mv.plan_profile(
+        drive, limit="4 mN*m", frequency_uncertainty="15 percent", damping_uncertainty="50 percent"
+    )
+    assert plan.best is not None
+    most = plan.best.largest_ringing + plan.best.between * 4e-3
+    assert most <= 4e-3
+    drawn = np.random.default_rng(1).uniform((0.85, 0.5), (1.15, 1.5), (25, 2)).tolist()
+    for frequency, damping in ((1.0559, 0.5), *drawn):
+        case = case_of(drive, ("array_mode_1",), frequency, damping, 1.0)
+        (ringing,) = measure(case, plan.best.whole)
+        assert ringing.most <= most * 1.001

@@ -17,6 +17,7 @@ from microvib.reports.outcome import study_contents, terminal_text
 from microvib.reports.quiet import quiet_outcome
 from microvib.studies.budget.files import Requirements
 from microvib.studies.quiet.cases import draw_cases
+from microvib.studies.quiet.evaluate import Case, evaluations, figure_of
 from microvib.studies.quiet.lever_options import parse_levers
 from microvib.studies.quiet.levers import (
     Setting,
@@ -331,8 +332,8 @@ def test_a_drive_without_a_rate_is_refused(drive: mv.Scenario) -> None:
 
 
 def test_what_the_record_does_not_show_is_not_passed(found: QuietDrive) -> None:
-    """A band that ends above the passband, and requirements, which a budget judges."""
-    many = replace(found.after, cases=np.full(80, 1e-3))
+    """Cases of which the record does not tell enough, and requirements, which a budget judges."""
+    many = replace(found.after, cases=np.full(80, 1e-3), most=np.full(80, 1e-3))
     shown = replace(found, after=many)
     assert quiet_outcome(shown, 1.0).verdict == "pass"
     noisy = {"friction.torque_noise": {"density": 1e-3, "lowest": 5.0, "highest": 6.0}}
@@ -340,8 +341,62 @@ def test_what_the_record_does_not_show_is_not_passed(found: QuietDrive) -> None:
         noisy["friction.torque_noise"]["density"] = 1e-3 * scale
         loud = replace(shown, scenario=found.scenario.with_si(noisy))
         assert quiet_outcome(loud, 1e-2).verdict == verdict
-    above = replace(shown, objective=replace(found.objective, band=(0.5, 2000.0)))
-    assert quiet_outcome(above, 1.0).verdict == "not judged"
+    unknown = np.where(np.arange(80) < 8, math.nan, 1e-3)
+    for most, verdict in ((0.5, "pass"), (2.0, "not judged"), (math.inf, "not judged")):
+        bounded = replace(many, cases=unknown, most=np.where(np.isnan(unknown), most, 1e-3))
+        outcome = quiet_outcome(replace(found, after=bounded), 1.0)
+        assert outcome.verdict == verdict
+        assert f"95 % of the cases: {verdict}" in terminal_text(outcome)
+    assert "in 8 of 80 cases the record" in terminal_text(outcome)
     requirements = Requirements.model_validate({"requirements": [{"limit": "1 urad"}]})
     pointing = replace(found.objective, requirements=requirements.requirements)
     assert quiet_outcome(replace(shown, objective=pointing), 1.0).verdict == "not judged"
+
+
+SLOW_SAMPLES = {"record.settle": "10 s", "record.duration": "4 s", "record.sample_rate": "82 Hz"}
+
+
+@pytest.mark.parametrize(
+    ("objective", "rate"), [("drive_1", "0.06 deg/s"), ("0.5:150 Hz", "0.03 deg/s")]
+)
+def test_lines_count_at_any_sample_rate(drive: mv.Scenario, objective: str, rate: str) -> None:
+    """The record shows lines up to 28.7 Hz; what is asked for is above it, and was taken for 0."""
+    slow = drive.with_({**SLOW_SAMPLES, "tracking.rate": rate})
+    dense = slow.with_({"record.sample_rate": "2048 Hz"})
+    asked = parse_objective(objective, slow)
+    with evaluations(asked) as figures:
+        found = figures.values([Case(one, STARTS[0]) for one in (slow, dense)])
+    assert found[0] == pytest.approx(found[1], rel=5e-3)
+    assert found[0] > 10e-3
+
+
+def test_a_line_that_no_record_shows_is_not_zero(drive: mv.Scenario) -> None:
+    """At a rate at which it would take too many samples, nothing is known of it."""
+    objective = parse_objective("0.5:2000000 Hz", drive)
+    figure = figure_of(drive, STARTS[0].name, objective)
+    assert math.isnan(figure.value)
+    assert figure.most == math.inf
+
+
+def test_a_drive_without_the_line_is_quiet(drive: mv.Scenario) -> None:
+    """A line that the drive does not have is 0; one that others hide, or the floor, is at most its bound."""
+    asked = parse_objective("drive_1", drive)
+    lines = replace(measure_lines(drive), names=(), frequency=np.zeros(0), amplitude=np.zeros(0))
+    assert asked.of(replace(lines, bounds=())) == 0.0
+    hidden = replace(lines, bounds=(("drive_1", 2e-3),))
+    assert math.isnan(asked.of(hidden))
+    assert asked.most(hidden) == 2e-3
+
+
+def test_a_line_that_leaves_the_passband_is_not_seen(drive: mv.Scenario) -> None:
+    """64 microsteps put drive_1 at 212 Hz, above the 179 Hz that 512 samples a second show: it is not
+    0 there, and counts for the RMS, for which the record becomes denser.
+    """
+    fine = drive.with_({"record.sample_rate": "512 Hz", "driver.microsteps": 64})
+    of_step, of_all = (parse_objective(text, fine) for text in ("full_step_1", "rms"))
+    lines = {name: a for name, _, a in figure_of(fine, STARTS[0].name, of_step).lines}
+    assert lines["full_step_1"] == pytest.approx(5.16e-3, rel=0.02)
+    assert math.isnan(lines["drive_1"])
+    with evaluations(of_all) as figures:
+        (one,) = figures.figures([Case(fine, STARTS[0])])
+    assert {name: a for name, _, a in one.lines}["drive_1"] == pytest.approx(3.34e-3, rel=0.05)

@@ -472,3 +472,31 @@ def test_the_command_says_the_verdict_last_and_replaces_its_report(tmp_path, mon
             p.name for p in (folder / "report").glob("[!.]*")
         }
         assert f"campaign case {folder} {worst} --out" in written.replace("'", "")
+
+
+def test_a_line_above_the_passband_of_some_draws_is_neither_0_nor_left_out(tmp_path):
+    """At 82 samples a second draws of a rate from 0.028 to 0.06 deg/s show drive_1 below 0.0325 deg/s
+    alone; the rest has it up to 53 Hz.
+    """
+    rates = {
+        "tracking.rate": {"distribution": "uniform", "low": "0.028 deg/s", "high": "0.06 deg/s"}
+    }
+    low = {
+        "set": SHORT | {"record.sample_rate": "82 Hz"},
+        "sampling": {"method": "sobol", "count": 16, "seed": 1},
+    }
+    results = computed(tmp_path, study(vary=rates, **low))
+    band = (5.0, 60.0)
+    (row,) = [row for row in line_statistics(results, 1.0, band) if row.line == "drive_1"]
+    rate = np.degrees(results.scalar("tracking.rate"))
+    above = rate > 0.35 * 82.0 / 53.0133 * 0.06
+    assert 0 < np.sum(above) < 16
+    assert row.unseen == np.sum(above)
+    assert row.count + row.unseen == 16
+    assert row.above == 0
+    assert row.unknown >= row.unseen
+    assert row.judged == 16
+    assert math.isnan(row.median.high)
+    assert row.exceedance.high > 0.5
+    below = line_statistics(results, 1.0, (5.0, 28.0))
+    assert all(row.unseen == 0 for row in below)

@@ -323,6 +323,7 @@ def _sentences(plan: ProfilePlan) -> Iterator[str]:
     elif shape.name == FULL:
         begin = plan.microsteps_into_full_step(shape)
         yield f"It is made for a begin {begin:.2f} microsteps after a full step."
+    yield from _search_text(plan, shape)
     yield from _beside_the_verdict(shape)
     if plan.curve is not None:
         yield _by_curve_text(plan)
@@ -353,6 +354,27 @@ def _best_text(plan: ProfilePlan, shape: Shape) -> str:
     if plan.best is None:
         return f"Best: none keeps {_limit_text(plan)} as far as is known. Nearest: {what}."
     return f"Best: {what}."
+
+
+def _search_text(plan: ProfilePlan, shape: Shape) -> Iterator[str]:
+    """Remainder that the search for the worst drive leaves open."""
+    counted = [run for run in shape.runs if run.counts]
+    if (
+        not counted
+        or math.isinf(shape.over_limit)
+        or not (plan.frequency_uncertainty or plan.damping_uncertainty or plan.friction_uncertainty)
+    ):
+        return
+    worst = max(counted, key=lambda run: run.ringing.most / run.limit)
+    if not shape.searched:
+        yield f"Its worst run is {worst.case.text}; a shape that fails is not searched further."
+        return
+    drives = count_text(len({run.case.text for run in counted}), "drive")
+    yield (
+        f"The worst of {drives} is {worst.case.text}, where a mode rings with"
+        f" {100.0 * shape.over_limit:.3g} % of its limit; between the runs it may be up to"
+        f" {100.0 * shape.between:.2g} % of the limit more, by their second differences."
+    )
 
 
 def _beside_the_verdict(shape: Shape) -> Iterator[str]:

@@ -14,6 +14,8 @@ REJECTION = 60.0
 """Decibels by which a filter rejects what is beyond its roll-off."""
 LEAK = 10.0 ** (-REJECTION / 20.0)
 """Part of the largest value of a record that may come through all the same."""
+_MARGIN = 16
+"""Samples at both ends beside those that are looked at; interpolation takes ten."""
 _FINE = 16.0
 """Samples per cycle of the highest frequency from which a peak is taken."""
 WIDEST = 0.2
@@ -36,11 +38,19 @@ class BandHistory:
     """Size of what may come through from beyond the edges."""
     top: float
     """Highest frequency in it over the sample rate."""
+    longer: tuple[np.ndarray, np.ndarray]
+    """Values and inner part with ``margin`` samples more at both ends, which values between samples
+    are interpolated from, (m + 2 margin,) each."""
+    margin: int
 
     @property
     def peak(self) -> float:
         """Largest magnitude, between samples too."""
-        return float(np.max(np.abs(_finer(self.values, self.top))))
+        return self._peak
+
+    @cached_property
+    def _peak(self) -> float:
+        return float(np.max(np.abs(_finer(self.longer[0], self.top, self.margin))))
 
     @property
     def place(self) -> int:
@@ -49,21 +59,22 @@ class BandHistory:
 
     @property
     def largest(self) -> float:
-        """Peak that no filter of this roll-off exceeds."""
+        """Peak that no filter of this roll-off exceeds; never below that of the one that was taken."""
         inner, edges = self._fine
         step = self.top * self.edges.size / inner.size
-        return float(np.max(inner + edges)) / math.cos(math.pi * step) + self.leak
+        bound = float(np.max(inner + edges)) / math.cos(math.pi * step) + self.leak
+        return max(bound, self.peak)
 
     @property
     def least(self) -> float:
-        """Peak that each filter of this roll-off reaches."""
+        """Peak that each filter of this roll-off reaches; never above that of the one that was taken."""
         inner, edges = self._fine
-        return max(float(np.max(inner - edges)) - self.leak, 0.0)
+        return min(max(float(np.max(inner - edges)) - self.leak, 0.0), self.peak)
 
     @cached_property
     def _fine(self) -> tuple[np.ndarray, np.ndarray]:
         """Magnitudes of the inner part between samples too, and the envelope of the edges there."""
-        inner = np.abs(_finer(self.inner, self.top))
+        inner = np.abs(_finer(self.longer[1], self.top, self.margin))
         return inner, np.repeat(_neighbourhood(self.edges), inner.size // self.edges.size)
 
 
@@ -113,7 +124,11 @@ def split_band(
     inner = y - nominal(on_slopes)
     top = min(high * (1.0 + roll_off) / rate, 0.5)
     leak = LEAK * float(np.max(np.abs(x)))
-    return BandHistory(reach, y[kept], inner[kept], envelope[kept], leak, top)
+    margin = min(reach, _MARGIN)
+    longer = slice(reach - margin, x.size - reach + margin)
+    return BandHistory(
+        reach, y[kept], inner[kept], envelope[kept], leak, top, (y[longer], inner[longer]), margin
+    )
 
 
 def _with_soft_ends(x: np.ndarray, reach: int) -> np.ndarray:
@@ -152,14 +167,17 @@ def _envelope(x: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(hilbert(x, next_fast_len(x.size, real=False))[: x.size]))
 
 
-def _finer(x: np.ndarray, top: float) -> np.ndarray:
-    """Samples as dense as peaks are read from, whose highest frequency is ``top`` sample rates."""
+def _finer(x: np.ndarray, top: float, margin: int) -> np.ndarray:
+    """Samples as dense as peaks are read from, whose highest frequency is ``top`` sample rates, without
+    ``margin`` samples at both ends, where interpolation lacks neighbours.
+    """
     from scipy.signal import resample_poly
 
     factor = math.ceil(_FINE * top)
     if factor <= 1:
-        return x
-    return np.asarray(resample_poly(x, factor, 1, window=("kaiser", 8.0)))
+        return x[margin : x.size - margin]
+    dense = resample_poly(x, factor, 1, window=("kaiser", 8.0))
+    return np.asarray(dense[margin * factor : dense.size - margin * factor])
 
 
 def _neighbourhood(x: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from microvib.analysis.lines import find_lines
 from microvib.errors import ScenarioError, SimulationError, SynchronismLost
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
+from microvib.signals.line_table import BELOW_FLOOR
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
 from microvib.validation.cases_file import COUNTS, Metric
@@ -97,6 +98,14 @@ def _check_record(scenario: Scenario, name: str, metric: Metric) -> None:
             f" {record.duration:g} s"
         )
     if metric.what == "order":
+        assert metric.order is not None
+        place = metric.order * electrical_frequency(scenario)
+        if place > PASSBAND * record.sample_rate:
+            raise ScenarioError(
+                f"metric '{name}': order {metric.order:g} is at {place:.4g} Hz, and a record at"
+                f" {record.sample_rate:g} Hz is flat to {PASSBAND * record.sample_rate:g} Hz; raise"
+                " record.sample_rate"
+            )
         turns = record.duration * electrical_frequency(scenario)
         if turns < MIN_ELECTRICAL_TURNS:
             raise ScenarioError(
@@ -164,14 +173,21 @@ def _steps(metric: Metric, motion: Motion) -> float:
 
 
 def _line_amplitude(metric: Metric, motion: Motion) -> float:
-    """Fitted amplitude of a named line; 0 where it is below the floor of the record."""
+    """Fitted amplitude of a named line; 0 where it is below the floor of the record.
+
+    ScenarioError where the drive has no such line, or the record does not tell it.
+    """
     table = find_lines(motion, metric.channel)
     if metric.line not in {one.name for one in table}:
         raise ScenarioError(
             f"{metric.line}: is not a line of '{motion.scenario.title}'; there are"
             f" {', '.join(one.name for one in table)}"
         )
-    amplitude = float(table[metric.line].amplitude)
-    if math.isnan(amplitude):
+    line = table[metric.line]
+    if line.status == BELOW_FLOOR:
         return 0.0
-    return amplitude
+    if math.isnan(line.amplitude):
+        raise ScenarioError(
+            f"{metric.line}: has no amplitude in the record of '{motion.scenario.title}': {line.status}"
+        )
+    return float(line.amplitude)

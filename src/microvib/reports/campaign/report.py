@@ -434,7 +434,7 @@ def _statistics(rows: Sequence[LineStatistics]) -> Table:
         f"{name}{end}_n_m" for name in ("median", "p95", "p99") for end in ("", "_low", "_high")
     ]
     keys += ["largest_n_m", "worst_case", "above"]
-    keys += ["exceedance", "exceedance_low", "exceedance_high"]
+    keys += ["exceedance", "exceedance_low", "exceedance_high", "cases_above_passband"]
 
     def cells(e: Estimate | None) -> tuple[float, float, float]:
         known = e or NO_ESTIMATE
@@ -442,7 +442,7 @@ def _statistics(rows: Sequence[LineStatistics]) -> Table:
 
     return Table("statistics", tuple(map(Column, keys)), tuple(
         (r.level.text, r.line, r.count, *r.frequency, r.mean, r.deviation, *cells(r.median), *cells(r.p95), *cells(r.p99),
-         r.largest, r.worst, "" if r.above is None else r.above, *cells(r.exceedance))
+         r.largest, r.worst, "" if r.above is None else r.above, *cells(r.exceedance), r.unseen)
         for r in rows
     ))  # fmt: skip
 

@@ -19,6 +19,7 @@ from microvib.io.named import read_text
 from microvib.io.netcdf import new_netcdf
 from microvib.io.tables import package_versions
 from microvib.io.writing import digest_of, write_file
+from microvib.model.expected import expected_lines
 from microvib.studies.campaign.cases import (
     FIGURES,
     LINE_OF_SIGHT,
@@ -29,6 +30,7 @@ from microvib.studies.campaign.cases import (
 )
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.variation import keys_of
+from microvib.units import Si
 
 RESULTS, DIGEST = "results.nc", "results.sha256"
 MISSING, DONE, FAILED = 0, 1, 2
@@ -53,6 +55,12 @@ _TEXT_VARIABLES = {
     "gaps": ("gaps", "what of the case could not be judged against the study's limit"),
 }
 """Texts of each case in a chunk: their variable in the file, and its meaning."""
+_CLOCK_KEYS = (
+    "tracking", "driver", "motor", "reducer", "driver.microsteps", "driver.beats", "reducer.ratio",
+    "motor.rotor_teeth", "motor.phases",
+)  # fmt: skip
+"""Keys by which lines of the clock move, besides those of the tracking."""
+_ANY_FREQUENCY = 1e9
 _CASES_PER_BLOCK = 4096
 """Cases of one block of the file."""
 
@@ -224,6 +232,29 @@ class Results:
         return tuple(self._texts("line"))
 
     @cached_property
+    def clock_lines(self) -> dict[str, np.ndarray]:
+        """Frequency [Hz] that each line of the clock is expected at in every case, whatever its record
+        shows, (cases,) by name; nan where a case has no such line.
+        """
+        design = self.campaign.design
+        count, found = design.cases, dict[str, np.ndarray]()
+        columns = [design.column(key) for key in design.keys if _moves_the_clock(key)]
+        alike: dict[tuple[str, ...], list[int]] = {}
+        for k in range(count):
+            alike.setdefault(tuple(str(x[k]) for x in columns), []).append(k)
+        rates = np.ones(count)
+        if "tracking.rate" in design.keys:
+            rates = np.abs(design.column("tracking.rate").astype(float))
+        for cases in alike.values():
+            scenario = design.base.with_si(design.changes(cases[0]))
+            scale = rates[cases] / rates[cases[0]]
+            for one in expected_lines(scenario, Si(_ANY_FREQUENCY), design.study.harmonics):
+                if one.of_clock:
+                    of_line = found.setdefault(one.name, np.full(count, np.nan))
+                    of_line[cases] = one.frequency * scale
+        return found
+
+    @cached_property
     def state(self) -> np.ndarray:
         """MISSING, DONE or FAILED of each case, (cases,)."""
         return self._read("state")
@@ -283,6 +314,15 @@ class Results:
     def _texts(self, name: str) -> list[str]:
         with open_hdf5(self.path) as root:
             return root.dataset(name).texts()
+
+
+def _moves_the_clock(key: str) -> bool:
+    """Whether lines of the clock are at other orders of the rate by a key, or it is one of the clock
+    besides the rate.
+    """
+    if key == "tracking.rate":
+        return False
+    return key in _CLOCK_KEYS or key.startswith("tracking.")
 
 
 def open_results(campaign: Campaign) -> Results:

@@ -13,7 +13,8 @@ import numpy as np
 
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, GROWTH_FACTOR, frequency_error_bound
 from microvib.analysis.start import VARIATION_FACTOR
-from microvib.model.line_names import is_sideband, is_unlisted
+from microvib.model.line_names import LineName, is_sideband, is_unlisted
+from microvib.model.record import PASSBAND
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.limit_curve import LimitCurve, in_band
 from microvib.signals.line_fit import NOT_SEPARABLE
@@ -92,6 +93,8 @@ class LineStatistics:
     """Number of draws to which ``above`` and ``unknown`` refer: those with an amplitude, and those without
     that are unknown.
     """
+    unseen: int = 0
+    """How many draws have it above the passband of their record, which are no part of the mean."""
 
 
 def amplitudes_in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
@@ -104,6 +107,29 @@ def amplitudes_in_band(results: Results, line: str, band: tuple[float, float]) -
         results.of(line),
         np.nan,
     )
+
+
+def above_passband(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
+    """Cases in which a line of the clock is in ``band`` [Hz] and above the passband of the record, bool
+    (cases,): these do not show it, and it is not 0 there.
+    """
+    absent = (results.state == DONE) & (results.status(line) == "")
+    if not np.any(absent) or not _is_of_clock(line):
+        return np.zeros(absent.size, dtype=bool)
+    place = results.clock_lines.get(line, np.full(absent.size, np.nan))
+    return absent & (place > PASSBAND * _sample_rates(results)) & within_band(place, *band)
+
+
+def _is_of_clock(line: str) -> bool:
+    return not is_unlisted(line) and not LineName.parse(line).is_mode
+
+
+def _sample_rates(results: Results) -> np.ndarray:
+    """Samples per second of each case's record, (cases,)."""
+    design, key = results.campaign.design, "record.sample_rate"
+    if key in design.keys:
+        return results.scalar(key)
+    return np.full(results.state.size, design.base.record.sample_rate)
 
 
 def largest_line(results: Results, band: tuple[float, float]) -> np.ndarray:
@@ -159,13 +185,19 @@ def line_statistics(
     for name in names:
         amplitude = amplitudes(results, name, band)
         frequency, verdicts = np.full(amplitude.size, np.nan), whole
-        if name != LARGEST_LINE:
+        unseen = np.zeros(amplitude.size, dtype=bool)
+        if name == LARGEST_LINE:
+            for each in results.lines:
+                unseen |= above_passband(results, each, band)
+        else:
+            unseen |= above_passband(results, name, band)
             frequency = results.of(name, "frequency")
             if limit is not None and whole is not None:
                 verdicts = line_verdicts(results, name, limit, band, whole)
         for level in levels:
             here = np.arange(level.number * points, (level.number + 1) * points)
             drawn = here[counted[here] & np.isfinite(amplitude[here])]
+            hidden = int(np.sum(unseen[here] & counted[here]))
             computed = here[counted[here] & (results.state[here] != MISSING)]
             if drawn.size:
                 line = _LineAtLevel(
@@ -173,6 +205,7 @@ def line_statistics(
                     frequency[drawn],
                     None if verdicts is None else verdicts[computed],
                     int(here[np.nanargmax(amplitude[here])]),
+                    hidden,
                 )
                 largest = float(amplitude[line.worst])
                 rows[level.number].append(_statistics_of_line(name, level, line, largest))
@@ -192,6 +225,8 @@ class _LineAtLevel:
     """Verdicts of all computed cases; None without a limit."""
     worst: int
     """Case in which it is largest, of all."""
+    unseen: int = 0
+    """In how many cases it is above the passband."""
 
     def count(self, verdict: int) -> int:
         """In how many cases it was judged so."""
@@ -216,16 +251,31 @@ def _statistics_of_line(
         count=int(x.size),
         mean=float(x.mean()),
         deviation=float(x.std(ddof=1)) if chance else math.nan,
-        median=quantile(x, 0.5),
-        p95=quantile(x, 0.95),
-        p99=quantile(x, 0.99),
+        median=_quantile_with_unseen(x, 0.5, line.unseen),
+        p95=_quantile_with_unseen(x, 0.95, line.unseen),
+        p99=_quantile_with_unseen(x, 0.99, line.unseen),
         largest=largest,
         worst=line.worst,
         above=above,
         exceedance=exceeds,
         unknown=unknown,
         judged=judged,
+        unseen=line.unseen,
     )
+
+
+def _quantile_with_unseen(x: np.ndarray, q: float, unseen: int) -> Estimate:
+    """Quantile of amplitudes (n,), of which further draws are not known: the interval reaches over
+    all that these may be, without a figure between; none where they leave it open upwards.
+    """
+    if not unseen:
+        return quantile(x, q)
+    least, most = (
+        quantile(np.concatenate([x, np.full(unseen, value)]), q) for value in (0.0, math.inf)
+    )
+    if not math.isfinite(most.high):
+        return NO_ESTIMATE
+    return Estimate(least.value if least.value == most.value else math.nan, least.low, most.high)
 
 
 def case_verdicts(
@@ -292,6 +342,7 @@ def line_verdicts(
         [ABSENT, ABOVE, BELOW],
         UNKNOWN,
     )
+    verdict[above_passband(results, line, (curve.low, curve.high))] = UNKNOWN
     verdict[results.state == FAILED] = UNKNOWN
     verdict[(verdict != ABSENT) & (results.records == HELD_RECORD)] = UNKNOWN
     of_part = results.records == PART_OF_CYCLE
@@ -379,8 +430,10 @@ def quantile(x: np.ndarray, q: float) -> Estimate:
 
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = int(binom.ppf(tail, n, q)) - 1, int(binom.ppf(1.0 - tail, n, q))
+    with np.errstate(invalid="ignore"):  # between two infinite draws it is not known
+        value = float(np.quantile(ordered, q))
     return Estimate(
-        float(np.quantile(ordered, q)),
+        value,
         float(ordered[max(low, 0)]),
         float(ordered[min(high, n - 1)]),
     )

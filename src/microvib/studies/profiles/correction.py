@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby, pairwise
+from itertools import groupby
 
 import numpy as np
 
@@ -207,9 +207,3 @@ def _interpolated(at: np.ndarray, x: np.ndarray, values: np.ndarray) -> np.ndarr
         for column in np.asarray(values, dtype=complex).T
     ]
     return np.concatenate(columns)
-
-
-def frequencies_between(cases: Sequence[Case]) -> list[float]:
-    """Frequencies, over the nominal one, halfway between those of the cases."""
-    x = sorted({case.frequency for case in cases})
-    return [0.5 * (a + b) for a, b in pairwise(x)]

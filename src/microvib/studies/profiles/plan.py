@@ -22,7 +22,6 @@ from microvib.studies.profiles.correction import (
     Attempt,
     Task,
     correct,
-    frequencies_between,
     measure_all,
 )
 from microvib.studies.profiles.manoeuvre import Manoeuvre
@@ -31,6 +30,7 @@ from microvib.studies.profiles.rate_profile import RateProfile
 from microvib.studies.profiles.runs import Case, Ringing, case_of, measure, with_profile
 from microvib.studies.profiles.shapes import SHAPERS, ramp, s_curve, shaped, shortest_of
 from microvib.studies.profiles.shortest import Bounds, samples_of, shortest_change
+from microvib.studies.profiles.worst import Measured, Point, Searched, search_worst, start_grid
 from microvib.studies.workers import Calls, parallel_calls
 from microvib.units import GivenQuantity, quantity
 
@@ -49,7 +49,10 @@ _SETTLED = 5.0
 _LONGEST_LEAD = 600.0
 """Seconds that it lasts at most."""
 _ROUNDS = 3
-"""How often a shape is found anew with the cases in which its check failed."""
+"""How often a shape is found anew with the worst cases of the search."""
+_ROUND_PART, _LEAST_PART = 0.97, 0.7
+"""Part of the limit that a shape which is found anew is to keep in the worst drive, and the least part
+to which its limit is lowered at once."""
 RINGS_OFF = 0.01
 """Part by which a mode may ring off its frequency in the linearised drive, where a limit over frequency is
 looked up."""
@@ -123,6 +126,10 @@ class Shape:
     residuals: tuple[ModeResidual, ...]
     """In the linearised drive; none of a shape that allows for what that lacks."""
     runs: tuple[Run, ...]
+    searched: bool = False
+    """Whether the runs are those of a search for the worst drive."""
+    between: float = 0.0
+    """How much more than in the runs that count a mode may ring with between them, over its limit."""
 
     @property
     def duration(self) -> float:
@@ -164,14 +171,22 @@ class Shape:
 
     @property
     def verdict(self) -> ShapeVerdict:
-        """Whether the limit is kept: by runs, and where it applies by the linearised drive over the
-        whole uncertainty."""
+        """Whether the limit is kept: by runs and what may be between them, and where it applies by the
+        linearised drive over the whole uncertainty."""
         each = [run.verdict for run in self.runs if run.counts]
         if "fail" in each:
             return "fail"
         if not each or "not judged" in each or self.linear_over_limit > 1.0:
             return "not judged"
+        if not self.searched or self.over_limit + self.between > 1.0:
+            return "not judged"
         return "pass"
+
+    @property
+    def may_pass(self) -> bool:
+        """Whether the runs so far and the linearised drive keep the limit."""
+        each = [run.verdict for run in self.runs if run.counts]
+        return all(one == "pass" for one in each) and self.linear_over_limit <= 1.0
 
     @property
     def linear_over_limit(self) -> float:
@@ -733,14 +748,25 @@ class _Study:
             ]
         return found
 
-    def checks(self) -> list[Case]:
-        """Drives beside those, in which a shape is checked."""
-        found = self.cases(frequencies_between(self.design_cases))
-        x, off = self.frequency_uncertainty, self.damping_uncertainty
-        if off > 0.0:
-            ends = sorted({1.0 - x, 1.0 + x})
-            found += [case for part in (1.0 - off, 1.0 + off) for case in self.cases(ends, part)]
-        return found
+    def _case_at(self, at: Point) -> Case:
+        if at not in self._cases:
+            self._cases[at] = case_of(self.scenario, self.names, *at)
+        return self._cases[at]
+
+    @cached_property
+    def _cases(self) -> dict[Point, Case]:
+        return {}
+
+    def _searched(self, profile: RateProfile, calls: Calls) -> Searched:
+        """Runs of a manoeuvre in search of the worst drive within all that is uncertain."""
+        whole = self.whole(profile)
+
+        def measured(points: Sequence[Point]) -> Sequence[Measured]:
+            cases = [self._case_at(at) for at in points]
+            return list(zip(cases, measure_all(calls, cases, whole), strict=True))
+
+        ranges = self.frequency_uncertainty, self.damping_uncertainty, self.friction_uncertainty
+        return search_worst(start_grid(*ranges), measured, self.limits)
 
     def shapes(self, calls: Calls | None) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
         """All shapes, and the names of those that would be too long."""
@@ -752,10 +778,19 @@ class _Study:
                 continue
             profile = self.manoeuvre.profile(transitions)
             runs = () if calls is None else self._runs(name, self.ends, profile, calls)
-            found.append(self._shape(name, profile, runs))
+            shape = self._shape(name, profile, runs)
+            if calls is not None and shape.may_pass:
+                shape = self._proven(shape, calls)
+            found.append(shape)
         if calls is not None:
             found.append(self._full_shape(calls))
         return tuple(found), tuple(too_long)
+
+    def _proven(self, shape: Shape, calls: Calls) -> Shape:
+        """A shape with the runs of a search for the worst drive."""
+        worst = self._searched(shape.profile, calls)
+        runs = tuple(self._as_runs(shape.name, worst.cases, worst.ringing, True))
+        return replace(shape, runs=runs, searched=True, between=worst.between)
 
     def _runs(
         self,
@@ -803,25 +838,38 @@ class _Study:
         for change in range(len(self.manoeuvre.changes)):
             attempt = self._corrected(change, transitions, self.design_cases, calls)
             transitions.append(attempt.transition)
-        cases, checks = list(attempt.cases), self.checks()
-        for _ in range(_ROUNDS):
-            profile = self.manoeuvre.profile(transitions, self.wind_up)
-            checked = self._runs(FULL, checks, profile, calls)
-            failed = {run.case.text for run in checked if run.verdict == "fail"}
-            if not failed or attempt.worst > 1.0:
-                break
-            cases += [case for case in checks if case.text in failed]
-            checks = [case for case in checks if case.text not in failed]
-            attempt = self._corrected(len(transitions) - 1, transitions[:-1], cases, calls)
-            transitions[-1] = attempt.transition
         profile = self.manoeuvre.profile(transitions, self.wind_up)
-        runs = (
-            *self._as_runs(FULL, attempt.cases, attempt.ringing, True),
-            *self._runs(FULL, checks, profile, calls),
-            *self._friction_runs(profile, calls),
-            *self._late_runs(profile, calls),
+        shape = self._proven(self._shape(FULL, profile, ()), calls)
+        cases, factor = list(attempt.cases), 1.0
+        for _ in range(_ROUNDS):
+            if shape.verdict == "pass" or attempt.worst > 1.0:
+                break
+            cases += self._failed_cases(shape, cases)
+            factor *= max(_ROUND_PART / (shape.over_limit + shape.between), _LEAST_PART)
+            attempt = self._corrected(len(transitions) - 1, transitions[:-1], cases, calls, factor)
+            other = self.manoeuvre.profile([*transitions[:-1], attempt.transition], self.wind_up)
+            again = self._proven(self._shape(FULL, other, ()), calls)
+            if again.over_limit + again.between < shape.over_limit + shape.between:
+                shape, transitions[-1] = again, attempt.transition
+        beside = (
+            *self._friction_runs(shape.profile, calls),
+            *self._late_runs(shape.profile, calls),
         )
-        return self._shape(FULL, profile, runs)
+        return replace(shape, runs=(*shape.runs, *beside))
+
+    def _failed_cases(self, shape: Shape, known: Sequence[Case]) -> Iterator[Case]:
+        """The worst drive of a shape, and those beside it with the same damping and friction, as far as
+        no shape was made for them.
+        """
+        worst = max((run for run in shape.runs if run.counts), key=_ringing_over_limit).case
+        had = {case.text for case in known}
+        x = self.frequency_uncertainty
+        points = dict.fromkeys(
+            (worst.frequency, 1.0 - x, 1.0 - 0.5 * x, 1.0, 1.0 + 0.5 * x, 1.0 + x)
+        )
+        for case in self.cases(tuple(points), worst.damping, worst.friction):
+            if case.text not in had:
+                yield case
 
     def _friction_runs(self, profile: RateProfile, calls: Calls) -> tuple[Run, ...]:
         """Runs that show what friction does that is off, where it is not part of the limit."""
@@ -852,16 +900,23 @@ class _Study:
         return tuple(self._as_runs(FULL, cases, ringing, False))
 
     def _corrected(
-        self, change: int, before: Sequence[RateProfile], cases: Sequence[Case], calls: Calls
+        self,
+        change: int,
+        before: Sequence[RateProfile],
+        cases: Sequence[Case],
+        calls: Calls,
+        part: float = 1.0,
     ) -> Attempt:
-        """One change of rate after those ``before``; a first of two alone."""
+        """One change of rate after those ``before``, within a ``part`` of the limits; a first of two
+        alone.
+        """
         manoeuvre = self.manoeuvre
         if change + 1 < len(manoeuvre.changes):
             first, last = manoeuvre.changes[change]
             manoeuvre = Manoeuvre(first, last, largest_acceleration=manoeuvre.largest_acceleration)
         task = Task(
             partial(self._built, manoeuvre, tuple(before)),
-            self._limits_of_change(change),
+            self._limits_of_change(change, part),
             self.period,
             self.bounds(change),
             early=change == 0 and self.manoeuvre.initial_rate == 0.0,
@@ -875,8 +930,12 @@ class _Study:
         whole = self.whole(manoeuvre.profile(transitions, self.wind_up))
         return whole, manoeuvre.last_change(transitions, self.wind_up)
 
-    def _limits_of_change(self, change: int) -> Callable[[Case], np.ndarray]:
-        """Limits of a change of rate: half the limit for the first of two."""
-        if change + 1 == len(self.manoeuvre.changes):
-            return self.limits
-        return lambda case: 0.5 * self.limits(case)
+    def _limits_of_change(self, change: int, part: float) -> Callable[[Case], np.ndarray]:
+        """A part of the limits of a change of rate: half the limit for the first of two."""
+        if change + 1 < len(self.manoeuvre.changes):
+            part *= 0.5
+        return lambda case: part * self.limits(case)
+
+
+def _ringing_over_limit(run: Run) -> float:
+    return run.ringing.most / run.limit

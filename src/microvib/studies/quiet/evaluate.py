@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,9 +17,10 @@ from microvib.errors import MicrovibError, OutputError, ScenarioError
 from microvib.io.tables import package_versions
 from microvib.model.line_names import is_unlisted
 from microvib.model.part import to_plain_data
+from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.studies.quiet.measure import DriveLines, measure_lines
-from microvib.studies.quiet.objective import Objective
+from microvib.studies.quiet.objective import Objective, drive_lines
 from microvib.studies.quiet.starts import STARTS, Start
 from microvib.studies.workers import Calls, parallel_calls
 
@@ -29,6 +30,9 @@ KEPT = 3e-3
 """Part of the largest line from which lines are kept."""
 UNEXPECTED = "largest other line"
 """Name of the largest line that no order of the drive explains, whose frequency is each case's own."""
+MOST_SAMPLES = 4_000_000
+"""Samples up to which a record is made denser for what an objective asks for."""
+_ROOM = 1.001
 FULL_STEPS = 8.0
 """Full steps that a record has at least."""
 
@@ -47,21 +51,54 @@ class Figure(NamedTuple):
     """The objective's figure of one drive from one start, with its larger lines."""
 
     value: float
+    """Infinite where the drive does not come to its rate, nan where its record does not tell."""
     lines: tuple[tuple[str, float, float], ...] = ()
-    """Name, frequency [Hz] and amplitude [N m]."""
+    """Name, frequency [Hz] and amplitude [N m], which is nan where the line is above the passband."""
+    most: float = math.inf
+    """Upper bound of the value: itself where it is known."""
 
 
+_KIND = "at any frequency"
+"""Mark in the keys of figures that are kept: earlier ones had 0 for lines above the passband."""
 HEAD = '["figures of microvib quiet"]\n'
 """First line of a file that keeps figures."""
 NOTHING = Figure(math.inf)
 """Figure of a drive that there is not, or that does not come to its rate."""
 
 
-def _figure(scenario: Scenario, start: str, objective: Objective) -> Figure:
+def figure_of(scenario: Scenario, start: str, objective: Objective) -> Figure:
     """The figure of one drive; its start goes to another process by name."""
     begun = next(x for x in STARTS if x.name == start).begun(scenario)
     found = measure_lines(begun, pointing=objective.sees_pointing)
-    return Figure(objective.of(found), tuple(_larger_lines(found)))
+    unseen = () if found.problem else tuple(_lines_above_passband(begun))
+    value, lines = objective.of(found), (*_larger_lines(found), *unseen)
+    if math.isfinite(value) and not shows(scenario, objective):
+        return Figure(math.nan, lines, math.inf)
+    return Figure(value, lines, objective.most(found) if math.isnan(value) else value)
+
+
+def shows(scenario: Scenario, objective: Objective) -> bool:
+    """Whether the record of a drive shows all lines that an objective asks for."""
+    return objective.highest(scenario) <= PASSBAND * scenario.record.sample_rate
+
+
+def with_record_for(objective: Objective, scenario: Scenario) -> Scenario:
+    """The drive with samples as dense as it takes to show the lines that an objective asks for, if
+    these are not too many.
+    """
+    if shows(scenario, objective):
+        return scenario
+    rate = _ROOM * objective.highest(scenario) / PASSBAND
+    if not rate * scenario.record.duration <= MOST_SAMPLES:
+        return scenario
+    return scenario.with_si({"record.sample_rate": rate})
+
+
+def _lines_above_passband(scenario: Scenario) -> Iterator[tuple[str, float, float]]:
+    top = PASSBAND * scenario.record.sample_rate
+    for line in drive_lines(scenario):
+        if line.frequency > top:
+            yield line.name, line.frequency, math.nan
 
 
 def _larger_lines(found: DriveLines) -> Iterator[tuple[str, float, float]]:
@@ -97,16 +134,19 @@ class Evaluations:
     def __init__(self, objective: Objective, calls: Calls, file: Path | None) -> None:
         self.objective, self._calls, self._file = objective, calls, file
         self._known = _read(file)
-        self._of = f"{package_versions()['microvib']} {objective!r}"
+        self._of = f"{package_versions()['microvib']} {_KIND} {objective!r}"
         self.runs = 0
         """Runs that were simulated."""
 
     def values(self, cases: Sequence[Case]) -> np.ndarray:
-        """The figure of each case, (cases,); infinite where there is no motion at the rate."""
-        return np.array([one.value for one in self.figures(cases)])
+        """Upper bound of the figure of each case, (cases,); infinite where there is no motion at the
+        rate, or nothing is known of it.
+        """
+        return np.array([one.most for one in self.figures(cases)])
 
     def figures(self, cases: Sequence[Case]) -> list[Figure]:
         """The figure of each case with its lines."""
+        cases = [self._recorded(case) for case in cases]
         keys = [self._key(case) for case in cases]
         new = {
             key: case
@@ -114,10 +154,15 @@ class Evaluations:
             if key not in self._known and case.scenario is not None
         }
         arguments = [(case.scenario, case.start.name, self.objective) for case in new.values()]
-        found = self._calls(_figure, arguments) if new else []
+        found = self._calls(figure_of, arguments) if new else []
         self._keep(dict(zip(new, found, strict=True)))
         self.runs += len(found)
         return [self._known.get(key, NOTHING) for key in keys]
+
+    def _recorded(self, case: Case) -> Case:
+        if case.scenario is None:
+            return case
+        return replace(case, scenario=with_record_for(self.objective, case.scenario))
 
     def _key(self, case: Case) -> str:
         if case.scenario is None:
@@ -158,10 +203,12 @@ def _read(file: Path | None) -> dict[str, Figure]:
         _rewrite(file, text.removesuffix(cut_off))
     for k, line in enumerate(whole[1:], 2):
         try:
-            key, value, lines, *check = json.loads(line)
+            key, value, lines, *rest = json.loads(line)
+            most = [x for x in rest if not isinstance(x, str)]
+            check = [x for x in rest if isinstance(x, str)]
             kept = tuple((str(name), float(f), float(a)) for name, f, a in lines)
-            known[str(key)] = Figure(float(value), kept)
-            if check and check != [_check_of([key, value, lines])]:
+            known[str(key)] = Figure(float(value), kept, *map(float, most))
+            if check and check != [_check_of([key, value, lines, *most])]:
                 raise MicrovibError(
                     f"{file}, line {k}: was changed since the search wrote it; put it back, or delete"
                     " the line, and its figure is computed again"

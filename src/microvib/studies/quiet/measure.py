@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import find_lines
+from microvib.analysis.margins import amplitude_bound
 from microvib.analysis.start import not_moving_reason, not_sliding_reason
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import Line, LineTable
+from microvib.signals.line_table import BELOW_FLOOR, Line, LineTable
 from microvib.solve.batch import torque_from_rest
 from microvib.solve.integration import simulate_from_rest
 from microvib.solve.on_craft import LINE_OF_SIGHT_ACCELERATIONS
@@ -40,7 +41,10 @@ class DriveLines:
     """[N m], (k,)."""
     residual: float
     """RMS of the torque less all lines and what rings [N m]."""
-    los_frequency: np.ndarray
+    bounds: tuple[tuple[str, float], ...] = ()
+    """Lines that were looked for and have no amplitude of their own, with what they have at most [N m]:
+    those below the floor, and those that others hide."""
+    los_frequency: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Frequencies of lines of the line of sight [Hz], (m,); empty where nobody asked for them."""
     los: np.ndarray | None = None
     """Complex amplitudes of both angles [rad], (m, 2)."""
@@ -60,7 +64,7 @@ class DriveLines:
 
 def failed(problem: str) -> DriveLines:
     """Stand for a drive that does not come to its rate."""
-    return DriveLines((), np.zeros(0), np.zeros(0), math.inf, np.zeros(0), problem=problem)
+    return DriveLines((), np.zeros(0), np.zeros(0), math.inf, problem=problem)
 
 
 def measure_lines(scenario: Scenario, *, pointing: bool = False) -> DriveLines:
@@ -94,9 +98,7 @@ def _with_line_of_sight(scenario: Scenario) -> DriveLines:
     assert seen.los is not None
     counted = [name not in seen.driven and _lasts(name, own, table) for name in seen.names]
     los = np.nan_to_num(seen.los[counted])
-    return DriveLines(
-        own.names, own.frequency, own.amplitude, own.residual, seen.frequency[counted], los
-    )
+    return replace(own, los_frequency=seen.frequency[counted], los=los)
 
 
 def _lasts(name: str, own: DriveLines, table: LineTable) -> bool:
@@ -114,8 +116,15 @@ def _lines_of(scenario: Scenario, table: LineTable, T_d: np.ndarray) -> DriveLin
         np.array([x.frequency for x in lasting]),
         np.array([x.amplitude for x in lasting]),
         residual,
-        np.zeros(0),
+        tuple((x.name, amplitude_bound(x)) for x in table if not x.seen and _has_bound(x)),
     )
+
+
+def _has_bound(line: Line) -> bool:
+    """Whether a line that is not seen counts with its bound: all but modes that others hide, whose bound
+    may be what rings from the start.
+    """
+    return not line.is_mode or line.status == BELOW_FLOOR
 
 
 def _keeps_ringing(mode: Line, scenario: Scenario, duration: float) -> bool:

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.analysis.lines import expected_in
 from microvib.analysis.margins import frequency_error_bound
 from microvib.errors import OptionError, did_you_mean
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.io.limit_files import read_limit
+from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.scenario import Scenario
 from microvib.results import TORQUE, Measure
 from microvib.signals.limit_curve import LimitCurve
@@ -23,13 +23,14 @@ from microvib.studies.budget.figures import evaluate_metric
 from microvib.studies.budget.files import Requirement, Requirements, Statistic, read_file
 from microvib.studies.budget.sums import ratio_to_curve
 from microvib.studies.quiet.measure import DriveLines
+from microvib.units import Si, within_band
 from microvib.units import band as ends
-from microvib.units import within_band
 
 OF_LIMIT = Measure("% of the limit", 0.01, "#.4g")
 RMS = "rms"
 HARMONICS = 8
 """Members of each family of lines."""
+_ANY_FREQUENCY = 1e9
 
 
 @dataclass(frozen=True)
@@ -55,15 +56,32 @@ class Objective:
         """Whether it is of the line of sight."""
         return bool(self.requirements)
 
-    @property
-    def highest(self) -> float:
-        """Frequency [Hz] up to which it asks for lines by itself; 0 where it takes those of the record."""
+    def highest(self, scenario: Scenario) -> float:
+        """Frequency [Hz] up to which a record of a drive must show its lines: the end of the band or of
+        the limit; where the named line is in this drive, 0 where it has none; of all lines together
+        that of the first of each family.
+        """
         if self.band is not None:
             return self.band[1]
-        return 0.0 if self.curve is None else self.curve.high
+        if self.curve is not None:
+            return self.curve.high
+        lines = drive_lines(scenario)
+        if self.line:
+            return max((x.frequency for x in lines if x.name == self.line), default=0.0)
+        first = [x.frequency for x in lines if x.name.endswith("_1") and x.of_clock]
+        return max(first, default=0.0)
+
+    def most(self, found: DriveLines) -> float:
+        """Upper bound of the figure where a named line is not seen, infinite without one."""
+        bound = dict(found.bounds).get(self.line, math.nan)
+        return bound if math.isfinite(bound) else math.inf
 
     def of(self, found: DriveLines) -> float:
-        """The figure of some lines, infinite where the drive does not follow its command."""
+        """The figure of some lines of a record that shows all that it asks for: infinite where the
+        drive does not follow its command.
+
+        A named line that the drive does not have is 0; one that the record does not show is nan.
+        """
         if found.problem:
             return math.inf
         if self.requirements:
@@ -77,11 +95,16 @@ class Objective:
             inside = within_band(found.frequency, *self.band)
             return float(np.max(found.amplitude[inside], initial=found.unexplained))
         if self.line:
-            named = [
-                a for name, a in zip(found.names, found.amplitude, strict=True) if name == self.line
-            ]
-            return float(max(named, default=0.0))
+            return _amplitude_of(self.line, found)
         return found.rms
+
+
+def _amplitude_of(name: str, found: DriveLines) -> float:
+    """Amplitude of a line [N m]; nan where it is not seen, 0 where there is none."""
+    if name in dict(found.bounds):
+        return math.nan
+    sizes = dict(zip(found.names, found.amplitude.tolist(), strict=True))
+    return float(sizes.get(name, 0.0))
 
 
 def _over_curve(found: DriveLines, curve: LimitCurve) -> float:
@@ -175,7 +198,12 @@ def _band(text: str) -> tuple[float, float]:
 
 def line_names(scenario: Scenario) -> list[str]:
     """Names of the lines of a drive that an objective may be."""
-    return [x.name for x in expected_in(scenario, scenario.record.sample_rate, HARMONICS)]
+    return [x.name for x in drive_lines(scenario)]
+
+
+def drive_lines(scenario: Scenario) -> tuple[ExpectedLine, ...]:
+    """Lines that a drive is expected to have, whatever its record shows."""
+    return expected_lines(scenario, Si(_ANY_FREQUENCY), HARMONICS)
 
 
 def _pointing(file: Path, scenario: Scenario) -> Objective:

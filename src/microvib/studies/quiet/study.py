@@ -83,36 +83,58 @@ class Spread:
     """Figure of the nominal drive, from its worst start."""
     from_rest: float
     cases: np.ndarray
-    """Figures of the cases, each from its worst start, (cases,); infinite where it does not come to its rate."""
+    """Figures of the cases, each from its worst start, (cases,); infinite where it does not come to its
+    rate, nan where it is not known: a record does not show what is asked for."""
+    most: np.ndarray
+    """Upper bounds of them, (cases,); infinite where nothing is known."""
     coexisting: Annotated[int, Column("coexisting", "cases with several motions", COUNT)]
     """Cases in which different starts lead to different motions."""
 
     @property
     def median(self) -> float:
-        """Median over cases."""
-        return float(np.median(self.cases))
+        """Median over cases; nan where cases that are not known decide it."""
+        return _known(*(float(np.median(x)) for x in (self._least, self.most)))
 
     @property
     def p95(self) -> float:
-        """95 % quantile over cases."""
-        return float(np.quantile(self.cases, P95, method="higher"))
+        """95 % quantile over cases; nan where cases that are not known decide it."""
+        return _known(self.p95_least, float(np.quantile(self.most, P95, method="higher")))
+
+    @property
+    def p95_least(self) -> float:
+        """The quantile if cases that are not known had no such line at all."""
+        return float(np.quantile(self._least, P95, method="higher"))
 
     @property
     def p95_most(self) -> float:
         """Upper end of its two-sided 95 % interval between order statistics; nan where there are
-        too few cases for one.
+        too few cases for one. Cases that are not known count with what they are at most.
         """
-        return quantile(self.cases, P95).high
+        return quantile(self.most, P95).high
+
+    @property
+    def unknown(self) -> int:
+        """Cases whose figure is not known."""
+        return int(np.sum(np.isnan(self.cases)))
 
     @property
     def worst(self) -> float:
-        """Largest of all cases."""
-        return float(self.cases.max())
+        """Largest of all cases; nan where one that is not known decides it."""
+        return _known(float(self._least.max()), float(self.most.max()))
+
+    @property
+    def _least(self) -> np.ndarray:
+        return np.where(np.isnan(self.cases), 0.0, self.cases)
 
     @property
     def failed(self) -> int:
         """Cases that do not come to their rate."""
-        return int(np.sum(~np.isfinite(self.cases)))
+        return int(np.sum(np.isinf(self.cases)))
+
+
+def _known(least: float, most: float) -> float:
+    """A figure whose bounds are the same, nan where they are not."""
+    return least if least == most else math.nan
 
 
 @dataclass(frozen=True)
@@ -127,18 +149,30 @@ class LeverAlone:
     why_not: str = ""
 
 
+_NOT_SEEN = "not seen"
+"""Stands for a line that is above the passband of a record."""
+
+
 @dataclass(frozen=True)
 class LineChange:
-    """One line before and after, 0-to-peak [N m], each case from its worst start."""
+    """One line before and after, 0-to-peak [N m], each case from its worst start; nan where it is above
+    the passband of the record, of a quantile in any case.
+    """
 
     name: Annotated[str, Column("line", "line")]
     frequency: Annotated[float, Column("frequency_hz", "frequency", FREQUENCY)]
-    before: Annotated[float, Column("before_n_m", "before", TORQUE)]
-    after: Annotated[float, Column("after_n_m", "after", TORQUE)]
+    before: Annotated[float, Column("before_n_m", "before", TORQUE, absent=_NOT_SEEN)]
+    after: Annotated[float, Column("after_n_m", "after", TORQUE, absent=_NOT_SEEN)]
     before_median: Annotated[float, Column("before_median_n_m", measure=TORQUE)]
     after_median: Annotated[float, Column("after_median_n_m", measure=TORQUE)]
-    before_p95: Annotated[float, Column("before_p95_n_m", "before, P95", TORQUE)]
-    after_p95: Annotated[float, Column("after_p95_n_m", "after, P95", TORQUE)]
+    before_p95: Annotated[float, Column("before_p95_n_m", "before, P95", TORQUE, absent=_NOT_SEEN)]
+    after_p95: Annotated[float, Column("after_p95_n_m", "after, P95", TORQUE, absent=_NOT_SEEN)]
+
+    @property
+    def largest(self) -> float:
+        """Largest of the nominal drive and the quantiles, of what is known of it [N m]."""
+        sizes = (self.before, self.after, self.before_p95, self.after_p95)
+        return max((x for x in sizes if not math.isnan(x)), default=0.0)
 
     @property
     def change(self) -> Annotated[float, Column("change_db", "change", DECIBEL)]:
@@ -561,9 +595,12 @@ class _Task:
         self.told.step(len(every))
         by_case = [found[k : k + len(STARTS)] for k in range(0, len(found), len(STARTS))]
         values = np.array([[one.value for one in starts] for starts in by_case])
-        worst, least = values.max(axis=1), values.min(axis=1)
-        several = int(np.sum(worst[1:] > COEXISTING * least[1:]))
-        return Spread(name, float(worst[0]), float(values[0, 0]), worst[1:], several), by_case
+        most = np.array([[one.most for one in starts] for starts in by_case]).max(axis=1)
+        loudest = np.where(np.isnan(values), 0.0, values).max(axis=1)
+        worst = np.where(loudest == most, loudest, math.nan)
+        several = int(np.sum(loudest[1:] > COEXISTING * np.min(values, axis=1)[1:]))
+        one = Spread(name, float(worst[0]), float(values[0, 0]), worst[1:], most[1:], several)
+        return one, by_case
 
 
 def _unchanged(scenario: Scenario) -> Scenario:
@@ -577,8 +614,9 @@ def _line_changes(
     names: dict[str, float] = {}
     for by_starts in (*before, *after):
         for figure in by_starts:
-            for name, frequency, _ in figure.lines:
-                names.setdefault(name, frequency)
+            for name, frequency, amplitude in figure.lines:
+                if not math.isnan(amplitude):
+                    names.setdefault(name, frequency)
     rows = [
         LineChange(
             name,
@@ -589,9 +627,7 @@ def _line_changes(
         )
         for name, frequency in names.items()
     ]
-    yield from sorted(
-        rows, key=lambda row: -max(row.before, row.after, row.before_p95, row.after_p95)
-    )
+    yield from sorted(rows, key=lambda row: -row.largest)
 
 
 def _quantiles(
@@ -599,7 +635,7 @@ def _quantiles(
 ) -> Iterator[float]:
     """Medians before and after, then 95 % quantiles, of a line in each case from its worst start."""
     sizes = [
-        np.array([max(_amplitude(one, name) for one in starts) for starts in cases])
+        np.array([np.max([_amplitude(one, name) for one in starts]) for starts in cases])
         for cases in (before, after)
     ]
     for part in (0.5, P95):
@@ -608,4 +644,5 @@ def _quantiles(
 
 
 def _amplitude(figure: Figure, name: str) -> float:
+    """Amplitude of a line; nan where it is above the passband, 0 where it is not there or small."""
     return max((a for line, _, a in figure.lines if line == name), default=0.0)
