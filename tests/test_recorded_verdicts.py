@@ -123,6 +123,17 @@ def test_a_line_in_the_background_passes_where_both_together_are_below_the_limit
     assert judged.verdict == verdict
 
 
+@pytest.mark.parametrize(("limit", "verdict"), [("7.5 mN*m", "not judged"), ("8.5 mN*m", "pass")])
+def test_a_line_of_the_background_that_the_recording_has_not_may_hide_one(limit, verdict):
+    """The drive's and the background's may be of opposite phases."""
+    on, off = recording((40.0, 0.002)), recording((90.0, 0.008), seed=2)
+    judged = judge_recording(Prepared(on, background=off), Limit(limit, "2 Hz", "300 Hz"))
+    assert judged.verdict == verdict
+    beside = judge_recording(Prepared(on, background=off), Limit("7.5 mN*m", "2 Hz", "80 Hz"))
+    assert beside.verdict == "pass"
+    assert verdict == "pass" or "background's line at 90 Hz may hide" in str(judged.all_gaps)
+
+
 def test_a_curve_of_the_torque_judges_no_other_axis():
     read = recording((90.0, 0.007), channel="Mx")
     curve = Limit.over_frequency([("2 Hz", "1 N*m"), ("300 Hz", "2 N*m")])

@@ -495,11 +495,24 @@ def _record_gaps(table: LineTable, limit: LimitCurve, scenario: Scenario | None)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         yield from clock_warnings(table)
     yield from may_be_larger(table, limit)
+    yield from _masked_line_gaps(table, limit)
     yield from unusable_gaps(table, limit.low, limit.high)
     if scenario is not None and scenario.rate is None:
         yield (
             "lines of the step clock, because the rate changes during the record (use a record at"
             " constant rate)"
+        )
+
+
+def _masked_line_gaps(table: LineTable, limit: LimitCurve) -> Iterator[str]:
+    """Lines of the background that may hide a line of the drive which is above the limit."""
+    for one in table.masked:
+        middle, half = 0.5 * (one.low + one.high), 0.5 * (one.high - one.low)
+        if not limit.holds(middle, half) or one.amplitude <= limit.strictest(one.low, one.high):
+            continue
+        yield (
+            f"what the background's line at {middle:.5g} Hz may hide (up to"
+            f" {1e3 * one.amplitude:.4g} m{pretty(table.unit)}; the recording has none there)"
         )
 
 

@@ -9,6 +9,7 @@ larger in one than the lines about it is told.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -29,9 +30,11 @@ _FIRST_BIN = 4
 _FINER = 2
 """Bins that are computed for one of a piece: a tone between two of them is at most 4 % larger."""
 _LOUDER = 1.3
-"""Times its RMS over all pieces that a bin must have in one to count: what is steady has it once."""
+"""Times its RMS over all pieces that a bin without a line about it must have in one to count: what is
+steady has it once.
+"""
 _LOUDER_THAN_LINES = 1.02
-"""Times the largest line of a period about it that a bin must have in a piece of it to count."""
+"""Times the largest line about it that a bin must have in a piece to count."""
 _REACH = 2
 """Bins of a piece on either side within which a line is about it."""
 _NEAR_LINE = 1.0
@@ -53,7 +56,8 @@ def intermittent_peaks(
     shortest: float,
     noise: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and amplitudes of what is louder in a piece of a record than on average.
+    """Frequencies [Hz] and amplitudes of what is louder in a piece of a record than on average, with the
+    lines that are there at all times, which it may be a swelling of.
 
     Parameters
     ----------
@@ -71,20 +75,28 @@ def intermittent_peaks(
         Frequencies (m,) [Hz] and amplitudes (m,) that noise makes in bins of the whole record.
     """
     duration = x.size / sample_rate
+    known = [line for line in lines if math.isfinite(line.amplitude)]
+    steady = [line for line in known if line.decay == 0.0]
     x = x - x.mean()
-    x = x - samples_of_lines([y for y in lines if math.isfinite(y.amplitude)], x.size, sample_rate)
+    x = x - samples_of_lines(known, x.size, sample_rate)
+    turns = np.array([line.frequency for line in steady]) / sample_rate
+    tones = np.array([cmath.rect(line.amplitude, line.phase) for line in steady])
     frequency, amplitude = [np.zeros(0)], [np.zeros(0)]
     for each in _lengths(cycle, shortest, duration):
         size = round(each * sample_rate)
         length = size / sample_rate
-        largest, mean = _bins_of_pieces(x, size)
+        added = _LinesOfPieces.of_tones(turns, tones, size)
+        largest, mean, with_lines = _bins_of_pieces(x, size, added)
         at = np.arange(largest.size) / (_FINER * length)
-        counts = largest > _LOUDER * mean
+        about = _largest_about(_sizes_of(tones, turns, size), _FINER * _REACH)
+        counts = np.where(
+            about > 0.0, with_lines > _LOUDER_THAN_LINES * about, largest > _LOUDER * mean
+        )
         if noise is not None:
             counts &= largest > _OVER_NOISE * math.sqrt(duration / length) * np.interp(at, *noise)
         counts &= (at >= _FIRST_BIN / length) & (at <= PASSBAND * sample_rate)
         frequency.append(at[counts])
-        amplitude.append(largest[counts])
+        amplitude.append(with_lines[counts])
     return np.concatenate(frequency), np.concatenate(amplitude)
 
 
@@ -142,13 +154,23 @@ class _LinesOfPieces(NamedTuple):
     def of(cls, series: np.ndarray, comb: int, size: int, length: int) -> _LinesOfPieces:
         """Make the lines of a period of ``size`` samples, in pieces of ``length``."""
         orders = np.arange(comb, series.size, comb)
-        nearest = np.round(orders * _FINER * length / size).astype(int)
-        bins = nearest[:, None] + np.arange(-_FINER, _FINER + 1)
-        apart = orders[:, None] * length / size - bins / _FINER
-        here = np.abs(apart) <= _NEAR_LINE
-        values = 0.5 * series[orders][:, None] * _hann_sum(apart, length)
-        turns = np.broadcast_to(2.0 * np.pi * orders[:, None] / size, bins.shape)
-        return cls(bins[here], values[here], turns[here])
+        return cls.of_tones(orders / size, series[orders], length)
+
+    @classmethod
+    def of_tones(cls, turns: np.ndarray, tones: np.ndarray, length: int) -> _LinesOfPieces:
+        """Make them of complex amplitudes ``tones`` (n,) that turn so many times with each sample, (n,)."""
+        position = turns[:, None] * length
+        nearest = np.round(_FINER * position).astype(int)
+        bins = nearest + np.arange(-_FINER, _FINER + 1)
+        apart = position - bins / _FINER
+        here = (np.abs(apart) <= _NEAR_LINE) & (bins >= 0) & (bins <= _FINER * length // 2)
+        values = 0.5 * tones[:, None] * _hann_sum(apart, length)
+        angles = np.broadcast_to(2.0 * np.pi * turns[:, None], bins.shape)
+        return cls(bins[here], values[here], angles[here])
+
+    def add_to(self, values: np.ndarray, start: int) -> None:
+        """Add them to the bins of a piece that begins at the sample ``start``."""
+        np.add.at(values, self.bins, self.values * np.exp(1j * self.turns * start))
 
 
 def _hann_sum(apart: np.ndarray, length: int) -> np.ndarray:
@@ -173,13 +195,19 @@ def _largest_of_pieces(x: np.ndarray, length: int, lines: _LinesOfPieces) -> np.
     """
     window, around = _hann(length), np.concatenate([x, x[:length]])
     largest = np.zeros(_FINER * length // 2 + 1)
-    inside = lines.bins < largest.size
     for start in range(0, x.size, max(length // _SHIFTS, 1)):
         values = np.fft.rfft(around[start : start + length] * window, _FINER * length)
-        added = lines.values[inside] * np.exp(1j * lines.turns[inside] * start)
-        np.add.at(values, lines.bins[inside], added)
+        lines.add_to(values, start)
         largest = np.maximum(largest, 2.0 * np.abs(values) / window.sum())
     return largest
+
+
+def _sizes_of(tones: np.ndarray, turns: np.ndarray, length: int) -> np.ndarray:
+    """Amplitude of the largest of some ``tones`` in each bin of a piece, by their nearest bins."""
+    sizes = np.zeros(_FINER * length // 2 + 1)
+    nearest = np.minimum(np.round(_FINER * turns * length).astype(int), sizes.size - 1)
+    np.maximum.at(sizes, nearest, np.abs(tones))
+    return sizes
 
 
 def _largest_about(sizes: np.ndarray, reach: int) -> np.ndarray:
@@ -210,15 +238,21 @@ def _lengths(cycle: float, shortest: float, duration: float) -> Iterator[float]:
         length *= 0.5
 
 
-def _bins_of_pieces(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Largest amplitude of each bin in pieces of ``size`` samples, and its RMS over all of them."""
+def _bins_of_pieces(
+    x: np.ndarray, size: int, lines: _LinesOfPieces
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Largest amplitude of each bin in pieces of ``size`` samples, its RMS over all of them, and the
+    largest with the ``lines`` that are there.
+    """
     window = _hann(size)
     largest = np.zeros(_FINER * size // 2 + 1)
-    squares = np.zeros_like(largest)
+    squares, with_lines = np.zeros_like(largest), np.zeros_like(largest)
     starts = range(0, x.size - size + 1, max(size // _SHIFTS, 1))
     for start in starts:
         values = np.fft.rfft(x[start : start + size] * window, _FINER * size)
         amplitude = 2.0 * np.abs(values) / window.sum()
         largest = np.maximum(largest, amplitude)
         squares += amplitude**2
-    return largest, np.sqrt(squares / len(starts))
+        lines.add_to(values, start)
+        with_lines = np.maximum(with_lines, 2.0 * np.abs(values) / window.sum())
+    return largest, np.sqrt(squares / len(starts)), with_lines

@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
@@ -29,6 +30,7 @@ from microvib.signals.line_table import (
     Line,
     LineEstimates,
     LineTable,
+    MaskedLine,
     ResidualPeaks,
     Uncertainty,
 )
@@ -444,7 +446,22 @@ def with_background(table: LineTable, background: np.ndarray) -> LineTable:
         else:
             status = line.status
         rows.append(replace(line, background=there, amplitude_uncertainty=spread, status=status))
-    return replace(table, lines=tuple(rows))
+    masked = tuple(_masked_lines(table, background))
+    return replace(table, lines=tuple(rows), masked=masked)
+
+
+def _masked_lines(table: LineTable, background: np.ndarray) -> Iterator[MaskedLine]:
+    """Lines of the background where no line of the table is."""
+    seen = np.array([line.frequency for line in table if line.seen])
+    for line in estimate_lines(background, table.sample_rate, ()):
+        if not line.seen or not math.isfinite(line.amplitude):
+            continue
+        off = BACKGROUND_DRIFT * line.frequency
+        if np.any(np.abs(seen - line.frequency) <= off):
+            continue
+        low, high = line.frequency - off, line.frequency + off
+        floor = 0.0 if table.rest is None else table.rest.factor * table.rest.within(low, high)[1]
+        yield MaskedLine(low, high, line.amplitude + floor)
 
 
 def _inseparable_lines(joint: JointFit, spread: Uncertainty) -> dict[str, str]:

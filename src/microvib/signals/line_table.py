@@ -202,6 +202,19 @@ class UnusableRange:
         return f"from {first:.4g} to {last:.4g} Hz, because {self.why}"
 
 
+@dataclass(frozen=True)
+class MaskedLine:
+    """What a line of the background may hide in a recording that has none there: as much again, in
+    opposite phase.
+    """
+
+    low: float
+    high: float
+    """Between which frequencies [Hz] it lies, as it may have drifted."""
+    amplitude: float
+    """Upper bound [N m]: the background's amplitude and the floor of the recording there."""
+
+
 UNFITTED_FACTOR = 3.0
 """Factor on a peak that no line is fitted to, for lines nearer to each other than the record's
 resolution cancel in part in the bins that they share."""
@@ -427,6 +440,8 @@ class LineTable:
     """
     excess: tuple[Excess, ...] = field(default=(), compare=False)
     """Excess of a recording over its lines and its floor, band by band."""
+    masked: tuple[MaskedLine, ...] = field(default=(), compare=False)
+    """Lines of the background where a recording has none of its own."""
     unusable: tuple[UnusableRange, ...] = field(default=(), compare=False)
     """Where the force table of a recording does not show its loads; empty where it is not known."""
     own_error: float = field(default=0.0, compare=False)

@@ -326,8 +326,11 @@ def _in_pieces(
             continue
         more = np.where(all_of > known + under + by_chance, all_of - of_lines - noise, 0.0)
         i = int(np.argmax(more))
+        part = _loudest_part(samples[i], lines[i], bands.edges[k : after + 1] * duration)
+        if part is None:
+            continue
         start, stop, times = _loud(all_of, i, starts / sample_rate, duration)
-        band = k + _loudest_part(samples[i], lines[i], bands.edges[k : after + 1] * duration)
+        band = k + part
         yield band, Excess(
             float(bands.edges[band]), float(bands.edges[band + 1]),
             math.sqrt(more[i]), math.sqrt(all_of[i]), math.sqrt(of_lines[i]), start, stop, times,
@@ -335,10 +338,20 @@ def _in_pieces(
         )  # fmt: skip
 
 
-def _loudest_part(power: np.ndarray, of_lines: np.ndarray, edges: np.ndarray) -> int:
-    """Number of the band between ``edges`` [bins] in which a piece holds most beyond its lines."""
+def _loudest_part(power: np.ndarray, of_lines: np.ndarray, edges: np.ndarray) -> int | None:
+    """Number of the band between ``edges`` [bins] in which a piece holds most beyond its lines; None
+    where that is beside them, in a band of its own.
+    """
+    more = power - of_lines
+    first, last = math.ceil(edges[0]), math.ceil(edges[-1])
     ends = [(math.ceil(a), max(math.ceil(b), math.ceil(a) + 1)) for a, b in pairwise(edges)]
-    return int(np.argmax([np.sum(power[a:b] - of_lines[a:b]) for a, b in ends]))
+    sums = [np.sum(more[a:b]) for a, b in ends]
+    below, above = np.sum(more[first - _LOBE : first]), np.sum(more[last : last + _LOBE])
+    if first - _LOBE < _FIRST:  # no band is below
+        below = -math.inf
+    if max(below, above) > max(sums):
+        return None
+    return int(np.argmax(sums))
 
 
 def _height(excess: np.ndarray, i: int) -> float:

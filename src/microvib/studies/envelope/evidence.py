@@ -168,6 +168,8 @@ def _bounds(table: LineTable, scenario: Scenario | None) -> Iterator[Bound]:
         if line.status != TRANSIENT:
             low, high = line_range(line, table, scenario)
             yield Bound(low, high, _hidden(line), line.name)
+    for one in table.masked:
+        yield Bound(one.low, one.high, one.amplitude, "what a line of the background may hide")
     if table.rest is None:
         yield Bound(0.0, math.inf, math.inf, NO_SEARCH)
         return
