@@ -143,6 +143,22 @@ def test_a_clock_far_off_is_found_by_its_whole_comb_and_told(ratio):
     assert f"% {side} the scenario's: set tracking.rate" in warnings[0]
 
 
+def test_a_comb_of_half_the_driving_frequency_is_not_taken_for_a_faster_clock():
+    """A motion that repeats after two driving periods has lines at all multiples of half its driving
+    frequency, of which a clock four times as fast lists more.
+    """
+    scenario = mv.load_scenario("state-1").with_({"record.settle": "2 s", "record.duration": "8 s"})
+    drive = scenario.with_si(
+        {"tracking.clock_ratio": 0.9908, "reducer.stiffness": 4400.0, "motor.detent_torque": 0.0}
+    )
+    torque = mv.simulate(drive, channels=("T_d",))["T_d"]
+    noise = np.random.default_rng(1).normal(0.0, 5e-4, torque.size)
+    recording = Recording({"Mz": torque + noise}, 4096.0, {"Mz": "N*m"}, "half orders")
+    found = analyse(Prepared(recording), scenario=scenario)
+    assert found.table["full_step_8"].amplitude > 0.5 * found.table["drive_1"].amplitude
+    assert found.table["drive_1"].frequency == pytest.approx(drive.driving_frequency, rel=1e-5)
+
+
 def test_a_comb_of_another_machine_larger_than_the_drives_is_told_and_not_taken_for_it(state_1):
     own = [(53.0, 0.005), (106.0, 0.002), (3.3125, 0.001), (49.6875, 0.001), (56.3125, 0.001)]
     wheel = [(37.3 * k, 0.05 / k) for k in range(1, 5)]

@@ -14,6 +14,8 @@ from microvib.analysis.limits import judge, transient_warnings
 from microvib.solve.batch import simulate_torques
 from microvib.solve.noise import torque_noise
 from microvib.solve.steady.state import steady_state
+from microvib.validation.assumed_ranges import described_drive
+from microvib.validation.loading import load_published
 
 NOISE = {"density": 2e-6, "lowest": 0.5, "highest": 20.0, "seed": 3}
 
@@ -134,3 +136,37 @@ def test_a_line_that_noise_drives_is_not_judged_by_one_draw(state_1):
         "draw" in x
         for x in transient_warnings(mv.find_lines(mv.simulate(quiet, channels=("T_d",))), quiet)
     )
+
+
+EDGE = {
+    "motor.torque_constant": 0.5712685920123258,
+    "array.inertia": 0.016586847547892646,
+    "motor.detent_torque": 0.011503700739074228,
+    "motor.flux_harmonics.0.amplitude": 0.018122676589878796,
+    "motor.flux_harmonics.0.phase": 0.3165596640606488,
+    "friction.coulomb": 0.004860445531378095,
+    "friction.breakaway": 0.005936305841227703,
+    "friction.viscous": 0.029398907451983418,
+    "friction.torque_noise.density": 5.872570137909809e-13,
+}
+"""Drive of ``catalog/tests/sentinel-4.yaml`` that comes to rest where friction just fails to hold it."""
+RATE_OF_MOVE = 1.0225780017608532
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 5e-4])
+def test_a_body_that_noise_moves_and_friction_holds_by_turns_neither_stops_a_run_nor_depends_on_steps(
+    accuracy,
+):
+    """Noise changes faster than these steps tell; a hundred times as accurate, they are shorter."""
+    drive = described_drive(load_published("sentinel-4"), "sentinel-4")
+    values = drive.central_values() | {"rate of the move": RATE_OF_MOVE}
+    scenario = drive.scenario("raised cosine of 5 s", values).with_si(EDGE)
+    found, finer = (
+        mv.simulate(scenario.with_si({"solver.accuracy": one})) for one in (accuracy, 1e-5)
+    )
+    assert finer.solver["sticks"] > 100
+    assert found.solver["sticks"] == pytest.approx(finer.solver["sticks"], rel=0.03)
+    stopped = found.time > 5.2
+    crept, truly = (np.ptp(motion["theta_m"][stopped]) for motion in (found, finer))
+    assert crept == pytest.approx(truly, rel=0.02)
+    assert np.std(found["T_d"][stopped]) == pytest.approx(np.std(finer["T_d"][stopped]), rel=0.03)

@@ -442,6 +442,10 @@ def _refit_clock(
 ) -> LineTable:
     """The lines at a clock far from the expected one, where the record shows that; else those of
     the ``table``.
+
+    A drive whose motion repeats after several driving periods only has a comb of fractions of its
+    driving frequency, and a clock at a multiple lists more of these lines. It is told by its first
+    driving line, which is then none of the large ones.
     """
     if not any(line.of_clock for line in expected) or not _clock_is_questionable(table):
         return table
@@ -453,6 +457,8 @@ def _refit_clock(
     within = [line for line in moved if line.frequency <= highest]
     there = estimate_lines(x, sample_rate, within, every_order)
     if there.clock_ratio is None or there.clock_ratio_uncertainty is None:
+        return table
+    if _driving_line_is_small(there) and not _driving_line_is_small(table):
         return table
     return replace(
         there,
@@ -473,10 +479,21 @@ def _clock_is_questionable(table: LineTable) -> bool:
     """Whether another clock might explain more: where unlisted lines are not small beside the
     clock's, or its first line is.
     """
-    clock = {line.name: line.amplitude for line in table if line.of_clock and line.seen}
+    largest = max(_clock_amplitudes(table).values(), default=0.0)
     others = max((line.amplitude for line in table if line.kind == "other"), default=0.0)
+    return others > SIGNIFICANT_RATIO * largest or _driving_line_is_small(table)
+
+
+def _driving_line_is_small(table: LineTable) -> bool:
+    """Whether the clock's first driving line is small beside its largest line, or not seen."""
+    clock = _clock_amplitudes(table)
     small = SIGNIFICANT_RATIO * max(clock.values(), default=0.0)
-    return others > small or clock.get(driving_line(1), 0.0) <= small
+    return clock.get(driving_line(1), 0.0) <= small
+
+
+def _clock_amplitudes(table: LineTable) -> dict[str, float]:
+    """Amplitudes of the lines of the clock that are seen, by name."""
+    return {line.name: line.amplitude for line in table if line.of_clock and line.seen}
 
 
 def _at_clock_ratio(line: ExpectedLine, ratio: float) -> ExpectedLine:

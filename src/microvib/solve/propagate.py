@@ -302,6 +302,27 @@ def move(event, x, p, t, w):
         to_command_frame(x, p, t, w)
 
 
+@code.inner(**INLINE)
+def _slip(event, x):
+    """Direction in which the friction of an ``event`` slips; 0 where it sticks or there is none."""
+    if event == 0 or event == 1:
+        return x.stick[event]
+    return 0.0
+
+
+@code.inner(**INLINE)
+def _shorten_after_event(level, x, p, t):
+    """Try the next step after an event shorter than this one, which found a body at rest that is
+    pushed on the way it went.
+
+    A body comes to rest where it is held back. That the equations push it on there says that the
+    torque, torque noise say, changes faster than the step's cubic through it tells. Steps of the
+    same length would find it at rest again and again, each time sooner, and time would stand still.
+    """
+    slot = AFTER_EVENT * PATTERNS + stick_pattern(x.stick, p)
+    x.levels[slot] = min(max(x.levels[slot], level + 1), t.levels - 1)
+
+
 @code.inner(**FORCED)
 def take(row, x, p):
     """Take a microstep, or a step of a pulsed drive."""
@@ -402,7 +423,10 @@ def advance(
         x.counters[STEPS] += 1
         lasted = end - clock[NOW]
         ramp_ends = pass_time(end, clock)
+        slipped = _slip(event, x)
         move(event, x, p, t, w)
+        if slipped != 0.0 and _slip(event, x) == slipped:
+            _shorten_after_event(level, x, p, t)
         if not p.ideal:
             references_in_command_frame(s, c, x, p)
         kind, last_level = _kind_after(event, u, kind, level)
