@@ -426,3 +426,44 @@ def test_a_strong_load_is_not_taken_for_a_small_one(
     found = assess(r, [one], "rss")
     assert found.verdict == ("not judged" if reason else "pass")
     assert any(reason in why for why in found.why) or not reason
+
+
+def test_friction_that_falls_with_the_rate_is_a_negative_damping_of_a_shaft_that_slides(
+    one_wing: mv.Scenario,
+) -> None:
+    """Against the linearised drive whose viscous friction is the slope at the commanded rate."""
+    falling = one_wing.with_(
+        {
+            "friction": {
+                "coulomb": "0.05 N*m",
+                "breakaway": "0.12 N*m",
+                "stribeck_rate": "0.06 deg/s",
+                "viscous": "30 N*m*s/rad",
+            }
+        }
+    )
+    rate = abs(float(falling.rate or 0.0))
+    slope = falling.friction.slope(rate)
+    assert slope < 10.0
+    level = one_wing.with_({"friction": {**SMOOTH, "viscous": f"{slope!r} N*m*s/rad"}})
+    slides = Sticking(False, False, 1.0, 0.8 * rate)
+    states = drive_states(falling, sticking=(slides, SLIDES))
+    assert states is not None
+    own, wanted = by_loads(falling, F), by_loads(level, F)
+    assert np.max(wanted / own) > 1.3
+    least, most = states.extremes(F, states.on_hub(CENTER))
+    assert np.all(least <= wanted * (1.0 + 1e-9))
+    assert np.all(most >= wanted * (1.0 - 1e-9))
+    assert np.median(most / wanted) < 1.1
+    sticks = Sticking(False, True, 1.0, 0.0)
+    assert len(springs_of_drive(falling, sticks)) == 1  # its bound is that of switching friction
+
+
+def test_friction_that_falls_no_more_at_the_commanded_rate_is_no_damping(
+    one_wing: mv.Scenario,
+) -> None:
+    friction = {**SMOOTH, "coulomb": "0.05 N*m", "breakaway": "0.12 N*m", "stribeck_shape": 2.0}
+    scenario = one_wing.with_({"friction": friction})
+    rate = abs(float(scenario.rate or 0.0))
+    springs = springs_of_drive(scenario, Sticking(False, False, 1.0, 0.9 * rate))
+    assert all(abs(one.damping) < 1e-12 for one in springs)

@@ -44,6 +44,10 @@ _FALLING = 4.0
 """By how much more friction whose torque falls as its rate grows (Stribeck) may make of loads than what
 its energy bounds otherwise, in a steady motion; assumed: in drives that were integrated in time it made
 no more than 14 % of that bound (``benchmarks/switching_friction.py``)."""
+_RATES = 33
+"""Rates at which the slope of a friction is taken."""
+_NEGLIGIBLE_SLOPE = 1e-3
+"""Part of the viscous friction below which the rest of its slope is left out."""
 _ALIKE = 1e-9
 """Part of the electromagnetic stiffness by which it may change and be as good as constant."""
 
@@ -105,6 +109,11 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
         *_of_friction(friction, output, sticking.output, sticking.repeats),
         *_of_friction(motor.friction, rotor, sticking.rotor, sticking.repeats),
     ]
+    if scenario.rate:
+        rate = abs(scenario.rate)
+        found += _of_falling(friction, output, sticking.output, (sticking.slowest_output, rate))
+        on_rotor = (sticking.slowest_rotor, reducer.ratio * rate)
+        found += _of_falling(motor.friction, rotor, sticking.rotor, on_rotor)
     if friction.harness is not None and friction.harness.memory:
         stuck = _stuck_stiffness(friction.harness.memory)
         found.append(
@@ -170,6 +179,24 @@ def _of_friction(
         yield replace(of_friction, stiffness=_stuck_stiffness(friction.memory), high=1.0)
     elif sticks and friction.largest_torque > 0.0:
         yield of_friction
+
+
+def _of_falling(
+    friction: Friction, on: np.ndarray, sticks: bool, rates: tuple[float, float]
+) -> Iterator[UncertainSpring]:
+    """Damping, mostly negative, that friction of a shaft which always slides has beside its viscous part:
+    between its least and its steepest slope from the slowest of its ``rates`` [rad/s] to as far above the
+    commanded one, the other. Of a shaft that sticks the switching friction is bounded instead.
+    """
+    slowest, commanded = rates
+    if sticks or friction.stribeck_torque == 0.0 or not commanded > 0.0:
+        return
+    slowest = min(slowest, commanded)
+    fastest = 2.0 * commanded - slowest
+    slopes = [friction.slope(x) for x in np.linspace(slowest, fastest, _RATES).tolist() if x > 0.0]
+    steepest, least = (slope(slopes) - friction.viscous for slope in (min, max))
+    if steepest < -_NEGLIGIBLE_SLOPE * friction.viscous:
+        yield UncertainSpring(on, 0.0, least / steepest, 1.0, steepest)
 
 
 def _stuck_stiffness(memory: Sequence[tuple[float, float]]) -> float:
@@ -326,7 +353,9 @@ class DriveStates:
         of their ends, (m, 2).
         """
         rigid = _RIGID * float(np.abs(np.diag(self._system[2])).max())
-        ends = [(s.low, min(s.high, rigid / s.stiffness)) for s in self.springs]
+        ends = [
+            (s.low, s.high if math.isfinite(s.high) else rigid / s.stiffness) for s in self.springs
+        ]
         found = [self._modes(state) for state in itertools.product(*ends)]
         return np.concatenate([np.zeros((0, 2)), *found])
 
