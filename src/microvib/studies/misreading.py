@@ -180,7 +180,7 @@ def common_scale(ratios: Ratios) -> float:
     in common. Half of the lines must be off in its direction.
     """
     if len(ratios) < MIN_COMMON_FIGURES:
-        return 0.0
+        return _thousand_of_all(ratios)
     logarithms = np.array([logarithm for _, logarithm in ratios])
     middle = float(np.median(logarithms))
     scatter = float(np.median(np.abs(logarithms - middle)))
@@ -192,6 +192,16 @@ def common_scale(ratios: Ratios) -> float:
     if min(abs(middle), abs(scale)) < MIN_LOG_SCALE or middle * scale < 0.0 or scatter > allowed:
         return 0.0
     return _unit_within(scale, spread + UNIT_TOLERANCE)
+
+
+def _thousand_of_all(ratios: Ratios) -> float:
+    """The logarithm of a thousand or a million, or of a part of it, if all of a few lines are off by
+    that; else 0.
+    """
+    for scale in (math.log(f) * sign for f in (1e3, 1e6) for sign in (1.0, -1.0)):
+        if ratios and all(abs(one - scale) < UNIT_TOLERANCE for _, one in ratios):
+            return scale
+    return 0.0
 
 
 def _unit_within(scale: float, scatter: float) -> float:
