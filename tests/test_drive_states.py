@@ -17,6 +17,7 @@ from microvib.model.drive_states import (
     DriveStates,
     Sticking,
     drive_states,
+    may_feed_a_mode,
     springs_of_drive,
     springs_of_motor,
 )
@@ -25,6 +26,7 @@ from microvib.model.linear import linear_lines
 from microvib.model.rigid import rigid_motion_at
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements
 from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import contribution_of_run
 from microvib.studies.budget.sums import assess, worst_alternative
 
@@ -467,3 +469,18 @@ def test_friction_that_falls_no_more_at_the_commanded_rate_is_no_damping(
     rate = abs(float(scenario.rate or 0.0))
     springs = springs_of_drive(scenario, Sticking(False, False, 1.0, 0.9 * rate))
     assert all(abs(one.damping) < 1e-12 for one in springs)
+
+
+def test_friction_that_may_feed_a_mode_leaves_no_bound_and_is_said(one_wing: mv.Scenario) -> None:
+    friction = {**SMOOTH, "coulomb": "0.05 N*m", "breakaway": "0.12 N*m", "stribeck_rate": "0.06 deg/s"}  # fmt: skip
+    scenario = one_wing.with_({"friction": friction})
+    rate = abs(float(scenario.rate or 0.0))
+    slides = Sticking(False, False, 1.0, 0.5 * rate)
+    assert may_feed_a_mode(scenario, (slides, SLIDES))
+    assert drive_states(scenario, sticking=(slides, SLIDES)) is None
+    damped = scenario.with_({"friction.viscous": "100 N*m*s/rad"})
+    assert not may_feed_a_mode(damped, (slides, SLIDES))
+    assert drive_states(damped, sticking=(slides, SLIDES)) is not None
+    told = TurningDrives(scenario, (slides, SLIDES)).unknown
+    assert any("may feed a mode of the craft" in why for why in told)
+    assert not TurningDrives(damped, (slides, SLIDES)).unknown

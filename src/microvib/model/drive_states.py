@@ -46,6 +46,8 @@ its energy bounds otherwise, in a steady motion; assumed: in drives that were in
 no more than 14 % of that bound (``benchmarks/switching_friction.py``)."""
 _RATES = 33
 """Rates at which the slope of a friction is taken."""
+_GROWS = 1e-4
+"""Negative damping ratio from which a mode grows; bodies that are free have next to none of their own."""
 _NEGLIGIBLE_SLOPE = 1e-3
 """Part of the viscous friction below which the rest of its slope is left out."""
 _ALIKE = 1e-9
@@ -348,6 +350,17 @@ class DriveStates:
         return sorted({0.0, *found.tolist()})
 
     @cached_property
+    def grows(self) -> bool:
+        """Whether deviations grow where friction falls most with the rate."""
+        falling = [s for s in self.springs if s.damping < 0.0]
+        if not falling:
+            return False
+        M, C, K = self._system
+        C = C + sum(s.damping * np.outer(s.on, s.on) for s in falling)
+        values = _eigenvalues(M, C, K)
+        return bool(np.any(values.real > _GROWS * np.abs(values)))
+
+    @cached_property
     def natural_frequencies(self) -> np.ndarray:
         """Natural frequencies [Hz] and half-widths of resonances [Hz] where all springs are at one
         of their ends, (m, 2).
@@ -364,13 +377,18 @@ class DriveStates:
         for level, s in zip(state, self.springs, strict=True):
             K = K + level * s.stiffness * np.outer(s.on, s.on)
             C = C + level * s.damping * np.outer(s.on, s.on)
-        n = K.shape[0]
-        inverse = np.linalg.solve(M, np.hstack([K, C]))
-        values = np.linalg.eigvals(
-            np.block([[np.zeros((n, n)), np.eye(n)], [-inverse[:, :n], -inverse[:, n:]]])
-        )
+        values = _eigenvalues(M, C, K)
         values = values[values.imag > 1e-6 * np.abs(values)]
         return np.column_stack([np.abs(values), -values.real]) / (2.0 * np.pi)
+
+
+def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """Eigenvalues [1/s] of a system of mass, damping and stiffness (n, n), (2 n,)."""
+    n = K.shape[0]
+    inverse = np.linalg.solve(M, np.hstack([K, C]))
+    return np.linalg.eigvals(
+        np.block([[np.zeros((n, n)), np.eye(n)], [-inverse[:, :n], -inverse[:, n:]]])
+    )
 
 
 def drive_states(
@@ -417,7 +435,33 @@ def drive_states(
         *(_placed(one, n, n_other) for one in mine),
         *(_placed(one, n + n_own, 0) for one in beside),
     ]
-    return DriveStates(scenario, tuple(springs))
+    return _without_feeding(DriveStates(scenario, tuple(springs)))
+
+
+def _without_feeding(states: DriveStates) -> DriveStates | None:
+    """States without the damping of falling friction where that may feed a mode, whose response then has
+    no bound (``may_feed_a_mode``); None where nothing else is unknown.
+    """
+    if not states.grows:
+        return states
+    left = tuple(one for one in states.springs if one.damping >= 0.0)
+    return DriveStates(states.scenario, left) if left else None
+
+
+def may_feed_a_mode(
+    scenario: Scenario, sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK)
+) -> bool:
+    """Whether friction that falls with the rate, at the rates of a motion at which it falls most, makes the
+    craft with its drives unstable; arguments as for ``drive_states``.
+    """
+    n, own = receiver_of(scenario).root.shape[1], source_of(scenario).M.shape[0]
+    other = scenario.driven_wing
+    n_other = 0 if scenario.other_wing is None else source_of(scenario.other_wing).M.shape[0]
+    found = [_placed(one, n, n_other) for one in springs_of_drive(scenario, sticking[0])]
+    if other is not None:
+        found += [_placed(one, n + own, 0) for one in springs_of_drive(other, sticking[1])]
+    falling = tuple(one for one in found if one.damping < 0.0)
+    return DriveStates(scenario, falling).grows
 
 
 def craft_of_drives(

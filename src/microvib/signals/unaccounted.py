@@ -324,7 +324,7 @@ def _in_pieces(
         known = (1.0 + bands.line_error) ** 2 * of_lines
         if not np.any(all_of > known + under + by_chance):
             continue
-        more = np.where(all_of > known + under + by_chance, all_of - of_lines - noise, 0.0)
+        more = np.where(all_of > known + under + by_chance, all_of - known - noise, 0.0)
         i = int(np.argmax(more))
         part = _loudest_part(samples[i], lines[i], bands.edges[k : after + 1] * duration)
         if part is None:
@@ -334,7 +334,7 @@ def _in_pieces(
         yield band, Excess(
             float(bands.edges[band]), float(bands.edges[band + 1]),
             math.sqrt(more[i]), math.sqrt(all_of[i]), math.sqrt(of_lines[i]), start, stop, times,
-            _height(more, i),
+            1.0 if times == 1.0 else _height(more, i),
         )  # fmt: skip
 
 

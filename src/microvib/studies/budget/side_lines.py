@@ -11,7 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.analysis.margins import CLOCK_UNCERTAINTY
-from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, craft_of_drives
+from microvib.model.drive_states import (
+    MAY_STICK,
+    DriveStates,
+    Sticking,
+    craft_of_drives,
+    may_feed_a_mode,
+)
 from microvib.model.friction import Friction
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
@@ -346,6 +352,18 @@ def _with_reasons(lines: SideLines | None, reasons: tuple[str, ...]) -> SideLine
     return replace(lines, unknown=(*lines.unknown, *reasons))
 
 
+_FED_BY_FRICTION = (
+    "friction that falls with the rate may feed a mode of the craft while a shaft is slow (finer"
+    " microsteps, microstep_ramp or a faster rate)"
+)
+
+
+def _unknown_of(scenario: Scenario, sticking: tuple[Sticking, Sticking]) -> tuple[str, ...]:
+    """Why it is not known what drives make of other sources, a sentence each."""
+    fed = (_FED_BY_FRICTION,) if may_feed_a_mode(scenario, sticking) else ()
+    return (*unknown_drives(scenario), *fed)
+
+
 class TurningDrives:
     """Drives of a craft that turn and whose springs vary: what they make of lines and densities."""
 
@@ -365,7 +383,7 @@ class TurningDrives:
         self.scenario = scenario
         self.craft = craft_of_drives(scenario, sticking) if craft is None else craft
         self.drives = varying_drives(scenario, self.craft) if drives is None else list(drives)
-        self.unknown = tuple(unknown_drives(scenario)) if drives is None else ()
+        self.unknown = _unknown_of(scenario, sticking) if drives is None else ()
         self.shafts = shafts_of(scenario, self.craft, sticking) if drives is None else []
         self.friction = SwitchingFriction(self.craft if friction is None else friction)
         self.sines = motor_sines(scenario, self.craft) if drives is None else list(sines)
