@@ -17,7 +17,6 @@ from microvib.model.drive_states import (
     DriveStates,
     Sticking,
     drive_states,
-    may_feed_a_mode,
     springs_of_drive,
     springs_of_motor,
 )
@@ -476,11 +475,15 @@ def test_friction_that_may_feed_a_mode_leaves_no_bound_and_is_said(one_wing: mv.
     scenario = one_wing.with_({"friction": friction})
     rate = abs(float(scenario.rate or 0.0))
     slides = Sticking(False, False, 1.0, 0.5 * rate)
-    assert may_feed_a_mode(scenario, (slides, SLIDES))
-    assert drive_states(scenario, sticking=(slides, SLIDES)) is None
+    states = drive_states(scenario, sticking=(slides, SLIDES))
+    assert states is not None
+    assert states.feeds_a_mode
+    assert states.springs == ()
     damped = scenario.with_({"friction.viscous": "100 N*m*s/rad"})
-    assert not may_feed_a_mode(damped, (slides, SLIDES))
-    assert drive_states(damped, sticking=(slides, SLIDES)) is not None
+    states = drive_states(damped, sticking=(slides, SLIDES))
+    assert states is not None
+    assert not states.feeds_a_mode
+    assert len(states.springs) == 1
     told = TurningDrives(scenario, (slides, SLIDES)).unknown
     assert any("may feed a mode of the craft" in why for why in told)
     assert not TurningDrives(damped, (slides, SLIDES)).unknown

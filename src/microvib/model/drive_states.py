@@ -213,6 +213,8 @@ class DriveStates:
     scenario: Scenario
     springs: tuple[UncertainSpring, ...]
     """In the coordinates of hub, own wing and second wing."""
+    feeds_a_mode: bool = False
+    """Whether friction that falls with the rate, which is left out then, may feed a mode."""
 
     @cached_property
     def _system(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -438,30 +440,14 @@ def drive_states(
     return _without_feeding(DriveStates(scenario, tuple(springs)))
 
 
-def _without_feeding(states: DriveStates) -> DriveStates | None:
+def _without_feeding(states: DriveStates) -> DriveStates:
     """States without the damping of falling friction where that may feed a mode, whose response then has
-    no bound (``may_feed_a_mode``); None where nothing else is unknown.
+    no bound; they say so.
     """
     if not states.grows:
         return states
     left = tuple(one for one in states.springs if one.damping >= 0.0)
-    return DriveStates(states.scenario, left) if left else None
-
-
-def may_feed_a_mode(
-    scenario: Scenario, sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK)
-) -> bool:
-    """Whether friction that falls with the rate, at the rates of a motion at which it falls most, makes the
-    craft with its drives unstable; arguments as for ``drive_states``.
-    """
-    n, own = receiver_of(scenario).root.shape[1], source_of(scenario).M.shape[0]
-    other = scenario.driven_wing
-    n_other = 0 if scenario.other_wing is None else source_of(scenario.other_wing).M.shape[0]
-    found = [_placed(one, n, n_other) for one in springs_of_drive(scenario, sticking[0])]
-    if other is not None:
-        found += [_placed(one, n + own, 0) for one in springs_of_drive(other, sticking[1])]
-    falling = tuple(one for one in found if one.damping < 0.0)
-    return DriveStates(scenario, falling).grows
+    return DriveStates(states.scenario, left, feeds_a_mode=True)
 
 
 def craft_of_drives(

@@ -240,8 +240,8 @@ def _why_unknown(found: QuietDrive) -> str:
     record, after = found.scenario.record, found.after
     return (
         f"in {after.unknown} of {after.cases.size} cases the record of {record.duration:g} s does not tell"
-        f" the {found.objective.text}: it is not constant, not apart from others, or above the passband;"
-        " a longer record.settle or record.duration tells"
+        f" the {found.objective.text} (still changing, not resolved from other lines, or above the passband);"
+        " use a longer record.settle or record.duration"
     )
 
 

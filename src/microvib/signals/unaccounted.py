@@ -331,10 +331,11 @@ def _in_pieces(
             continue
         start, stop, times = _loud(all_of, i, starts / sample_rate, duration)
         band = k + part
+        height = _height(more, i) if times > 1.0 else 1.0
         yield band, Excess(
             float(bands.edges[band]), float(bands.edges[band + 1]),
             math.sqrt(more[i]), math.sqrt(all_of[i]), math.sqrt(of_lines[i]), start, stop, times,
-            1.0 if times == 1.0 else _height(more, i),
+            height,
         )  # fmt: skip
 
 

@@ -42,8 +42,8 @@ CONVERGED = 1e-5
 CONVERGED_STALLED = 5e-4
 """Convergence bound where corrections have stopped falling, limited by the tolerance of the integration."""
 TORQUE_STALLED = 0.01
-"""Change of the torque by the correction before, over its RMS, up to which such a state is accepted: where
-microsteps are smooth, what they move is no measure of it.
+"""Change of the torque from one correction to the next, over its RMS, up to which such a state is accepted.
+A smooth drive has a torque so small that a correction which is small beside a microstep still changes it.
 """
 WARM_UP = 0.07
 """Time [s] simulated before a search, for fast motions to settle, or MAX_SWEEPS segments if that is
@@ -171,15 +171,23 @@ class Search:
             x = self.newton.next(self.x, self.ends.x)
             last, self.distance = self.distance, float(np.max(np.abs(x - self.x)))
             falls = self.distance < last and step + 1 < MAX_STEPS
-            if sampled and self.distance < (CONVERGED if falls else CONVERGED_STALLED):
-                if self.distance >= CONVERGED and not _is_alike(self.ends.T_d, before):
-                    continue
+            if sampled and self._has_converged(falls, before):
                 self._check_stable()
                 self._check_settles()
                 return
             if self.distance > MAX_CORRECTION:
                 x = self._swept(self.ends.x, len(self.x))
         raise NotPeriodic(NOT_FOUND)
+
+    def _has_converged(self, falls: bool, before: np.ndarray) -> bool:
+        """Whether the last correction is small: where corrections no longer fall, small enough not to
+        change the torque from that ``before`` it.
+        """
+        if self.distance < CONVERGED:
+            return True
+        if falls or self.distance >= CONVERGED_STALLED:
+            return False
+        return _is_alike(self.ends.T_d, before)
 
     def _begin(self, warm_up: int) -> np.ndarray:
         """States to start from, from the mean motion (``PeriodMap.guess``).
@@ -408,8 +416,8 @@ class Search:
 
 
 def _is_alike(T_d: np.ndarray, before: np.ndarray) -> bool:
-    """Whether a torque (n,) is that of the state before it was corrected; where nothing was sampled then,
-    it is not known to be.
+    """Whether a torque (n,) is that of the state ``before`` the correction; False where that was not
+    sampled.
     """
     if before.size != T_d.size:
         return False

@@ -16,7 +16,6 @@ from microvib.model.drive_states import (
     DriveStates,
     Sticking,
     craft_of_drives,
-    may_feed_a_mode,
 )
 from microvib.model.friction import Friction
 from microvib.model.linear import coupled_modes
@@ -358,10 +357,12 @@ _FED_BY_FRICTION = (
 )
 
 
-def _unknown_of(scenario: Scenario, sticking: tuple[Sticking, Sticking]) -> tuple[str, ...]:
+def _unknown_of(scenario: Scenario, craft: DriveStates) -> tuple[str, ...]:
     """Why it is not known what drives make of other sources, a sentence each."""
-    fed = (_FED_BY_FRICTION,) if may_feed_a_mode(scenario, sticking) else ()
-    return (*unknown_drives(scenario), *fed)
+    found = tuple(unknown_drives(scenario))
+    if craft.feeds_a_mode:
+        return (*found, _FED_BY_FRICTION)
+    return found
 
 
 class TurningDrives:
@@ -383,7 +384,7 @@ class TurningDrives:
         self.scenario = scenario
         self.craft = craft_of_drives(scenario, sticking) if craft is None else craft
         self.drives = varying_drives(scenario, self.craft) if drives is None else list(drives)
-        self.unknown = _unknown_of(scenario, sticking) if drives is None else ()
+        self.unknown = _unknown_of(scenario, self.craft) if drives is None else ()
         self.shafts = shafts_of(scenario, self.craft, sticking) if drives is None else []
         self.friction = SwitchingFriction(self.craft if friction is None else friction)
         self.sines = motor_sines(scenario, self.craft) if drives is None else list(sines)
