@@ -346,6 +346,7 @@ def test_show_lists_the_orders_with_their_causes(distorted):
         ("order,amplitude_rad\n4,0.01\n", "harmonics"),
         ("angle_deg\n" + "0.5\n" * 64, "currents"),
         ("i_A, i_B\n" + "1,0\n" * 64, "currents"),
+        ("i_a,i_b\n" + "1,0\n" * 64 + "\n\n", "currents"),
     ],
 )
 def test_tables_are_read_and_written_with_the_scenario(tmp_path, text, expected):
@@ -376,7 +377,20 @@ def test_tables_are_read_and_written_with_the_scenario(tmp_path, text, expected)
             "i_a,i_b\n1,0\n",
             "driver.table.currents: has 1 rows; one for each microstep of an electrical turn is expected",
         ),
-        ("i_a,i_b\n" + "3,0\n" * 64, "driver.table.currents.0: 3, 0 is not allowed"),
+        (
+            "i_a,i_b\n1,0\n-3,0\n",
+            "table.csv, row 3: i_a is -3; a number from -2 to 2 is expected, 2 times the current I",
+        ),
+        (
+            "i_a_of_511,i_b_of_511\n511,0\n510,1023\n",
+            "table.csv, row 3: i_b_of_511 is 1023; a number from -1022 to 1022 is expected",
+        ),
+        (
+            "i_a_of_511,i_b_of_511\n511,0\n510.5,50\n",
+            "table.csv, row 3: i_a_of_511 is 510.5; a whole number is expected",
+        ),
+        ("i_a,i_b\n", "table.csv: has no rows below its first line"),
+        ("i_a,i_b\n1,0\n0,9,0,1\n", "table.csv, row 3: has 4 cells; 2 are expected"),
         (
             "order,amplitude_deg\n1.5,1\n",
             "driver.table.harmonics.0.order: 1.5 is not allowed; a whole number from 1 to",
@@ -400,6 +414,11 @@ def test_bad_tables_get_a_sentence(tmp_path, text, sentence):
             "driver.imperfections.gain",
             0.1,
             "unknown key; did you mean driver.imperfections.gain_b?",
+        ),
+        (
+            "driver.table",
+            {"currents": [[3.0, 0.0]] * 64},
+            "currents.0: 3, 0 is not allowed; currents over I from -2 to 2 are expected",
         ),
         ("driver.microstep_ramp", 1.5, "must be at least 0 and at most 1"),
         ("driver.delay", "-1 ms", "must be at least 0 s"),

@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ from microvib.studies.quiet.levers import (
 from microvib.studies.quiet.measure import measure_lines
 from microvib.studies.quiet.objective import parse_objective
 from microvib.studies.quiet.starts import STARTS
-from microvib.studies.quiet.study import Constraints, QuietDrive, quiet
+from microvib.studies.quiet.study import P95, Constraints, QuietDrive, quiet, upper_quantile
 
 SHORT = {"record.settle": "10 s", "record.duration": "4 s"}
 
@@ -250,6 +251,26 @@ def test_cases_count_from_their_worst_start(found: QuietDrive) -> None:
     assert "assumed" in text
 
 
+def test_a_search_tells_its_best_from_its_first_setting(drive: mv.Scenario) -> None:
+    """Of the nominal drive until drawn cases judge; each is better than those before."""
+    said: list[str] = []
+
+    class Enough(Exception):
+        pass
+
+    def note(text: str) -> None:
+        said.append(text)
+        if "worst of" in text:
+            raise Enough
+
+    with pytest.raises(Enough):
+        quiet(drive, "rms", ["ramp"], cases=8, effort=4, on_best=note)
+    assert "of the nominal drive: driver.microstep_ramp 0" in said[0]
+    nominal = [float(text.split()[0]) for text in said[:-1]]
+    assert nominal == sorted(nominal, reverse=True)
+    assert "in the worst of 16 cases: driver.microstep_ramp" in said[-1]
+
+
 def test_a_search_tells_each_run_from_the_first_moment(
     found: QuietDrive, told: list[tuple[float, float]]
 ) -> None:
@@ -324,6 +345,63 @@ def test_a_table_of_somebody_else_is_checked(drive: mv.Scenario, tmp_path: Path)
     assert checked.setting is None
     assert checked.after.from_rest == pytest.approx(1.05e-3, rel=0.2)
     assert checked.before.from_rest == pytest.approx(5.11e-3, rel=0.02)
+
+
+def currents_file(file: Path, rows: np.ndarray) -> Path:
+    """A table of currents over I as somebody else's file."""
+    file.write_text("i_a,i_b\n" + "".join(f"{a:.9f},{b:.9f}\n" for a, b in rows.tolist()))
+    return file
+
+
+def test_lines_of_a_drive_that_a_table_stops_are_not_zero(
+    drive: mv.Scenario, tmp_path: Path
+) -> None:
+    """Currents that turn backwards: no line is quieter, and the margin that is asked for is judged."""
+    backwards = currents_file(tmp_path / "table.csv", table_rows(drive.driver, [])[::-1])
+    given = Constraints(margin=2.0)
+    checked = quiet(drive, "full_step_1", check=backwards, constraints=given, cases=8, effort=4)
+    assert checked.after.from_rest == math.inf
+    line = next(x for x in checked.lines if x.name == "full_step_1")
+    assert line.before == pytest.approx(5.11e-3, rel=0.02)
+    assert line.after == math.inf
+    assert math.isnan(line.change)
+    outcome = quiet_outcome(checked, 1.0)
+    assert outcome.verdict == "fail"
+    text = terminal_text(outcome)
+    assert "Not allowed: torque margin 1.42, below 2.00" in text
+    assert "not seen" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"bits": 8}, "bits: does not go with check"),
+        ({"levels": ["ramp"]}, "lever: does not go with check"),
+        ({"table_rows": 32}, "table_rows 32: is less than the 64 rows that the table takes"),
+        ({"rows": 63}, r"table.csv: driver\.table\.currents: has 63 rows"),
+    ],
+)
+def test_what_does_not_go_with_a_check_is_one_sentence(
+    drive: mv.Scenario, tmp_path: Path, options: dict[str, Any], sentence: str
+) -> None:
+    rows = table_rows(drive.driver, [])[: options.pop("rows", None)]
+    levers = options.pop("levels", [])
+    table = currents_file(tmp_path / "table.csv", rows)
+    with pytest.raises(mv.MicrovibError, match=sentence):
+        quiet(drive, "rms", levers, check=table, cases=8, **options)
+
+
+@pytest.mark.parametrize("count", [8, 19, 50, 72, 80])
+def test_a_further_case_exceeds_the_stated_quantile_no_more_often_than_it_says(count: int) -> None:
+    """Its probability, the mean of a beta distribution, is 1 - k / (n + 1) for the k-th of n cases."""
+    k = upper_quantile(np.arange(1.0, count + 1.0), P95)
+    least = 1.0 - P95 if count >= 19 else 1.0 / (count + 1.0)
+    assert 1.0 - k / (count + 1.0) <= least + 1e-12
+    assert 1.0 - (k - 1.0) / (count + 1.0) > 1.0 - P95  # none smaller does
+    draws = np.random.default_rng(5).random((4000, count))
+    stated = np.array([upper_quantile(x, P95) for x in draws])
+    exceeded = float(np.mean(np.random.default_rng(6).random(4000) > stated))
+    assert exceeded <= least + 3.0 * math.sqrt(least / 4000.0)
 
 
 def test_a_drive_without_a_rate_is_refused(drive: mv.Scenario) -> None:

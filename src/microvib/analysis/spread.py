@@ -9,7 +9,7 @@ just sticks there, or just does not), the line has no spread.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,7 +68,7 @@ def _way(scenario: Scenario, key: str, ends: tuple[float, float]) -> float:
 
 def with_spread(state: SteadyState, table: LineTable) -> LineTable:
     """The lines of a steady state with their spread."""
-    orders = {x.name: _order(x, state) for x in table if _counts(x, table)}
+    orders = {x.name: _order(x, state) for x in _counting(table, table)}
     spread = spread_of(state, sorted({k for k in orders.values() if k > 0}))
     if not spread.by_order:
         return replace(table, no_spread=spread.why_not)
@@ -87,7 +87,7 @@ def spread_sentence(table: LineTable) -> str:
         )
     if not table.ranged:
         return ""
-    counting = [x for x in table.notable() if _counts(x, table)]
+    counting = _counting(table.notable(), table)
     without = [x.name for x in counting if not math.isfinite(x.spread)]
     said = (
         "± (ranges) is how far a line moves, to first order, within the ranges that sources note of"
@@ -101,9 +101,10 @@ def spread_sentence(table: LineTable) -> str:
     return said
 
 
-def _counts(line: Line, table: LineTable) -> bool:
+def _counting(lines: Iterable[Line], table: LineTable) -> list[Line]:
+    """Those of some lines of a table that may have a spread."""
     top = max((x.amplitude for x in table if math.isfinite(x.amplitude)), default=0.0)
-    return line.seen and line.amplitude > MIN_RATIO * top
+    return [x for x in lines if x.seen and x.amplitude > MIN_RATIO * top]
 
 
 def _order(line: Line, state: SteadyState) -> int:

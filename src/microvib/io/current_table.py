@@ -5,6 +5,7 @@ harmonic.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from microvib.errors import ScenarioError
 from microvib.io.tables import csv_rows, parse_finite
-from microvib.model.driver import MAX_TABLE
+from microvib.model.driver import MAX_CURRENT, MAX_TABLE
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180.0}
 FORMS = (
@@ -32,15 +33,23 @@ def read_current_table(path: Path) -> dict[str, Any]:
     0.
     """
     head, *rows = csv_rows(path, ScenarioError) or [[]]
+    while rows and not "".join(rows[-1]).strip():
+        rows.pop()
     if len(rows) > MAX_TABLE:
         raise ScenarioError(f"{path}: has {len(rows)} rows; at most {MAX_TABLE} are read")
     names = [name.strip().lower() for name in head]
+    _require_cells(path, rows, len(names))
     columns = {name: _parsed(path, rows, j, name) for j, name in enumerate(names)}
+    if names and not rows:
+        raise ScenarioError(f"{path}: has no rows below its first line; one or more are expected")
     if names == ["i_a", "i_b"]:
+        _require_currents(path, columns, 1)
         return _currents(columns["i_a"], columns["i_b"])
-    whole = _whole_numbers(path, names)
-    if whole:
-        return _currents(*(columns[name] / whole for name in names))
+    levels = _whole_numbers(path, names)
+    if levels:
+        _require_whole(path, columns)
+        _require_currents(path, columns, levels)
+        return _currents(*(columns[name] / levels for name in names))
     angle = _angle(columns, "angle")
     if len(names) == 1 and angle is not None:
         theta_e = 2.0 * np.pi * np.arange(angle.size) / angle.size + angle
@@ -77,6 +86,16 @@ def _whole_numbers(path: Path, names: list[str]) -> int:
     return levels
 
 
+def _require_cells(path: Path, rows: list[list[str]], count: int) -> None:
+    """ScenarioError where a row has more cells than the first line: a comma may be a decimal mark."""
+    for k, row in enumerate(rows, 2):
+        if len(row) > count:
+            raise ScenarioError(
+                f"{path}, row {k}: has {len(row)} cells; {count} are expected, as in the first line"
+                " (decimal commas need semicolons between columns)"
+            )
+
+
 def _parsed(path: Path, rows: list[list[str]], column: int, name: str) -> np.ndarray:
     """Numbers of one column."""
     return np.array(
@@ -87,6 +106,27 @@ def _parsed(path: Path, rows: list[list[str]], column: int, name: str) -> np.nda
             for k, row in enumerate(rows, 2)
         ]
     )
+
+
+def _require_whole(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """ScenarioError where a column has another than a whole number."""
+    for name, values in columns.items():
+        for k in np.flatnonzero(values != np.rint(values))[:1].tolist():
+            raise ScenarioError(
+                f"{path}, row {k + 2}: {name} is {values[k]:.9g}; a whole number is expected"
+                " (columns i_a,i_b have currents over I)"
+            )
+
+
+def _require_currents(path: Path, columns: Mapping[str, np.ndarray], one: int) -> None:
+    """ScenarioError where a current is larger than ``MAX_CURRENT``, in numbers of which ``one`` is I."""
+    most = MAX_CURRENT * one
+    for name, values in columns.items():
+        for k in np.flatnonzero(np.abs(values) > most)[:1].tolist():
+            raise ScenarioError(
+                f"{path}, row {k + 2}: {name} is {values[k]:.9g}; a number from {-most:g} to {most:g} is"
+                f" expected, {MAX_CURRENT:g} times the current I"
+            )
 
 
 def _currents(i_a: np.ndarray, i_b: np.ndarray) -> dict[str, Any]:

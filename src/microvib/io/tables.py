@@ -97,7 +97,9 @@ def _table_at(path: Path, kind: type[MicrovibError]) -> Iterator[list[str]]:
         try:
             yield plain_lines(path.read_text(encoding="utf-8"))
         except (UnicodeDecodeError, csv.Error) as error:
-            raise MicrovibError(f"cannot be read: is not a table as text ({error})") from None
+            raise MicrovibError(
+                f"cannot be read: is not a table as text ({error}); save it as CSV in UTF-8"
+            ) from None
 
 
 def csv_rows(path: Path, kind: type[MicrovibError]) -> list[list[str]]:

@@ -25,6 +25,7 @@ from microvib.model.part import Part
 from microvib.units import Quantity
 
 MAX_TABLE = 16_384  # rows of a table of currents, at most
+MAX_CURRENT = 2.0  # largest current of a table, over I
 _USUAL = (1e-5, 0.05)  # errors of a driver, over its current
 _SWITCHED_OFF = 1e-9  # a current over I up to which a pulse leaves its winding open
 PULSE_KEYS = ("on_time", "diode_voltage")
@@ -119,8 +120,11 @@ class CurrentTable(Part):
         if bool(self.harmonics) == bool(self.currents):
             yield "give either harmonics, of the angle correction, or currents, a pair for each microstep"
         for k, pair in enumerate(self.currents):
-            if not max(abs(pair[0]), abs(pair[1])) <= 2.0:
-                yield f"currents.{k}: {pair[0]:g}, {pair[1]:g} is not allowed; currents over I from -2 to 2 are expected"
+            if not max(abs(pair[0]), abs(pair[1])) <= MAX_CURRENT:
+                yield (
+                    f"currents.{k}: {pair[0]:g}, {pair[1]:g} is not allowed; currents over I from"
+                    f" {-MAX_CURRENT:g} to {MAX_CURRENT:g} are expected"
+                )
 
 
 NO_IMPERFECTIONS = Imperfections()

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 SHOWN_LINES = 12
 """Lines that a report shows, the largest first."""
+CASES_OF_QUANTILE = 19
+"""Cases of which the largest is exceeded by a further one with a probability of 5 %."""
 
 
 def quiet_outcome(found: QuietDrive, target: float | None = None) -> Outcome:
@@ -162,6 +164,8 @@ def _designs(found: QuietDrive) -> Table:
 def _warnings(found: QuietDrive) -> Iterator[str]:
     figure = found.objective.measure.figure
     best = found.best_nominal
+    if found.why_not:
+        yield f"Not allowed: {found.why_not}."
     if found.trap and best is not None:
         yield (
             f"The trap: the setting that is best for the nominal drive ({found.best_nominal_text})"
@@ -177,6 +181,11 @@ def _warnings(found: QuietDrive) -> Iterator[str]:
     if found.after.cases.size < needed:
         yield (
             f"{found.after.cases.size} cases do not bound a 95 % quantile; {needed} cases or more do."
+        )
+    if found.after.cases.size < CASES_OF_QUANTILE:
+        yield (
+            f"The largest of {found.after.cases.size} cases stands for their 95 % quantile; a further"
+            f" case exceeds it with a probability of {100.0 / (found.after.cases.size + 1):.2g} %."
         )
     if found.cases.assumed:
         yield (
@@ -205,7 +214,7 @@ def _at_end(found: QuietDrive) -> Iterator[str]:
 def _verdict(found: QuietDrive, target: float | None) -> Verdict:
     if target is None:
         return ""
-    if found.after.p95_least > target:
+    if found.why_not or found.after.p95_least > target:
         return "fail"
     return "not judged" if _why_not_judged(found, target) else "pass"
 
@@ -251,7 +260,11 @@ def _verdict_text(found: QuietDrive, target: float | None) -> Iterator[str]:
     if target is None or not verdict:
         return
     allowed = found.objective.measure.figure(target)
-    why = f": {_why_not_judged(found, target)}" if verdict == "not judged" else ""
+    why = ""
+    if verdict == "not judged":
+        why = f": {_why_not_judged(found, target)}"
+    elif found.why_not:
+        why = f": {found.why_not}"
     yield f"Limit, {allowed} for 95 % of the cases: {verdict}{why}."
 
 
@@ -423,12 +436,10 @@ def draw_lines(found: QuietDrive) -> Figure:
     ):
         heights = np.array([getattr(row, bar) for row in rows]) * 1e3
         quantiles = np.array([getattr(row, tick) for row in rows]) * 1e3
-        ax.bar(
-            at + offset, np.where(heights > 0.0, heights, np.nan), 0.38, color=colour, label=label
-        )
+        ax.bar(at + offset, _drawn(heights), 0.38, color=colour, label=label)
         ax.scatter(
             at + offset,
-            np.where(quantiles > 0.0, quantiles, np.nan),
+            _drawn(quantiles),
             marker="_",
             s=120,
             color="black",
@@ -440,6 +451,12 @@ def draw_lines(found: QuietDrive) -> Figure:
     ax.set_xticks(at, [row.name for row in rows], rotation=30, ha="right")
     ax.legend(loc="upper right")
     return figure
+
+
+def _drawn(heights: np.ndarray) -> np.ndarray:
+    """Heights that a logarithmic axis can show; nan for others."""
+    shown: np.ndarray = np.where((heights > 0.0) & np.isfinite(heights), heights, np.nan)
+    return shown
 
 
 def draw_pareto(found: QuietDrive) -> Figure:

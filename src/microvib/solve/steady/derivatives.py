@@ -181,12 +181,13 @@ def _checked(
     """Derivatives about a period that closes, checked by the steps of another recording, or by its
     own.
     """
-    moved, total = about.by_parameters(parameters)
+    moved, total, chosen = about.by_parameters(parameters)
     known = np.all(np.isfinite(moved), axis=0)
+    looked_at = [number for number in chosen if known[number]]
     off = np.zeros(about.harmonics.size)
-    if np.any(known):
-        own = parameters.only(known)
-        off = about.disagreement(other, own, moved[:, known], total[:, known])
+    if looked_at:
+        own = parameters.only(looked_at)
+        off = about.disagreement(other, own, moved[:, looked_at], total[:, looked_at])
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.abs(total) / np.abs(about.harmonics)[:, None]
         largest = np.fmax(np.fmax.reduce(relative, axis=1, initial=1.0), 1.0)
@@ -291,9 +292,12 @@ class _Differences:
         result: np.ndarray = ((self.period.here.state - self.state) / self.sizes)[self.moving]
         return result
 
-    def by_parameters(self, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
+    def by_parameters(
+        self, parameters: Parameters
+    ) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
         """Derivatives by the parameters, over their scales: of the start that repeats, over what a
-        microstep moves, (n, p), and of its harmonics, (k, p); nan where there is none.
+        microstep moves, (n, p), and of its harmonics, (k, p); nan where there is none. And the numbers of
+        the parameters from whose changes those of all follow.
         """
         step = self.effort.parameter_step
         found = directions(self.period, parameters, step)
@@ -319,7 +323,7 @@ class _Differences:
                 own[:, numbers] = self._slopes_of_harmonics(period.here, up, down) / step
         moved = self.closing(found.combined(gained))
         total = found.combined(own) + self._of_harmonics @ moved
-        return moved, total
+        return moved, total, found.chosen
 
     def _beside_in(
         self, found: Directions, number: int, parameters: Parameters, period: RecordedPeriod

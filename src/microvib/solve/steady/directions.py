@@ -53,10 +53,9 @@ class Parameters:
         """Which of them are shapes of a Stribeck curve, (p,)."""
         return np.array([key.endswith("stribeck_shape") for key in self.keys], dtype=bool)
 
-    def only(self, some: np.ndarray) -> Parameters:
-        """Some of the parameters."""
-        keys = tuple(key for key, counts in zip(self.keys, some, strict=True) if counts)
-        return Parameters(keys, self.scales[some])
+    def only(self, numbers: Sequence[int]) -> Parameters:
+        """Some of the parameters, by their numbers."""
+        return Parameters(tuple(self.keys[k] for k in numbers), self.scales[list(numbers)])
 
 
 def _scale(scenario: Scenario, key: str, scales: Mapping[str, float]) -> float:

@@ -63,7 +63,7 @@ class Drives:
 class Search:
     """Settings of ``levers``, judged by their worst case from some starts.
 
-    ``on_tried`` is called with every setting, and whether it is better than all before.
+    ``on_tried`` is called with every setting.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Search:
         drives: Drives,
         levers: Sequence[Lever],
         evaluations: Evaluations,
-        on_tried: Callable[[Tried, bool], None] = lambda one, better: None,
+        on_tried: Callable[[Tried], None] = lambda one: None,
     ) -> None:
         self.drives, self.levers, self.evaluations = drives, tuple(levers), evaluations
         self._on_tried, self._best = on_tried, math.inf
@@ -107,9 +107,8 @@ class Search:
         if not why_not:
             worst, median = self._over_cases(setting, bound)
         one = self._tried[setting] = Tried(setting, worst, median, why_not)
-        better = worst < self._best
         self._best = min(worst, self._best)
-        self._on_tried(one, better)
+        self._on_tried(one)
         return worst
 
     def _why_not(self, setting: Setting) -> str:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from microvib.errors import OptionError, expect_list, whole_number
+from microvib.errors import OptionError, error_context, expect_list, whole_number
 from microvib.io.current_table import read_current_table
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.model.driver import MAX_TABLE
@@ -98,12 +98,12 @@ class Spread:
     @property
     def p95(self) -> float:
         """95 % quantile over cases; nan where cases that are not known decide it."""
-        return _known(self.p95_least, float(np.quantile(self.most, P95, method="higher")))
+        return _known(self.p95_least, upper_quantile(self.most, P95))
 
     @property
     def p95_least(self) -> float:
         """The quantile if cases that are not known had no such line at all."""
-        return float(np.quantile(self._least, P95, method="higher"))
+        return upper_quantile(self._least, P95)
 
     @property
     def p95_most(self) -> float:
@@ -132,6 +132,19 @@ class Spread:
         return int(np.sum(np.isinf(self.cases)))
 
 
+def upper_quantile(values: np.ndarray, part: float) -> float:
+    """The least of some values (n,) that a further one exceeds with a probability of at most 1 - ``part``;
+    the largest where they are too few for that; nan where one is.
+
+    The k-th smallest of n values is exceeded with the probability 1 - k/(n + 1), whatever their
+    distribution is.
+    """
+    if np.any(np.isnan(values)):
+        return math.nan
+    k = min(math.ceil(part * (values.size + 1)), values.size)
+    return float(np.sort(values)[k - 1])
+
+
 def _known(least: float, most: float) -> float:
     """A figure whose bounds are the same, nan where they are not."""
     return least if least == most else math.nan
@@ -150,13 +163,14 @@ class LeverAlone:
 
 
 _NOT_SEEN = "not seen"
-"""Stands for a line that is above the passband of a record."""
+"""Stands for a line that is above the passband of a record, or of a drive that does not come to its rate."""
 
 
 @dataclass(frozen=True)
 class LineChange:
     """One line before and after, 0-to-peak [N m], each case from its worst start; nan where it is above
-    the passband of the record, of a quantile in any case.
+    the passband of the record, of a quantile in any case; infinite of a drive that does not come to its
+    rate.
     """
 
     name: Annotated[str, Column("line", "line")]
@@ -172,7 +186,7 @@ class LineChange:
     def largest(self) -> float:
         """Largest of the nominal drive and the quantiles, of what is known of it [N m]."""
         sizes = (self.before, self.after, self.before_p95, self.after_p95)
-        return max((x for x in sizes if not math.isnan(x)), default=0.0)
+        return max((x for x in sizes if math.isfinite(x)), default=0.0)
 
     @property
     def change(self) -> Annotated[float, Column("change_db", "change", DECIBEL)]:
@@ -186,7 +200,7 @@ class LineChange:
 
 
 def _decibel(before: float, after: float) -> float:
-    if before > 0.0 and after > 0.0:
+    if 0.0 < before < math.inf and 0.0 < after < math.inf:
         return 20.0 * math.log10(after / before)
     return math.nan
 
@@ -228,6 +242,11 @@ class QuietDrive:
         if self.setting is None:
             return "the table that was given"
         return in_words(self.scenario, self.levers, self.setting)
+
+    @cached_property
+    def why_not(self) -> str:
+        """Why the constraints forbid the quieter drive; empty where they do not."""
+        return self.constraints.why_not(self.quieter)
 
     @property
     def trap(self) -> bool:
@@ -344,8 +363,9 @@ def quiet(  # noqa: PLR0913 - keyword options
         for key, name in (("check", check), ("study", study), ("keep", keep))
     )
     if table is not None:
-        if levers:
-            raise OptionError("lever", "does not go with check, which judges a table as it is")
+        for key, value in (("lever", levers), ("bits", bits)):
+            if value:
+                raise OptionError(key, "does not go with check, which judges a table as it is")
         parsed: tuple[Lever, ...] = ()
     else:
         parsed = parse_levers(levers, scenario, TableLimits(bits, table_rows))
@@ -355,7 +375,7 @@ def quiet(  # noqa: PLR0913 - keyword options
     with evaluations(wanted, kept, workers, told.run) as figures:
         task = _Task(scenario, wanted, parsed, constraints, sampled, figures, bits, effort, told)
         if table is not None:
-            return task.checked(table)
+            return task.checked(table, table_rows)
         return task.searched()
 
 
@@ -390,6 +410,7 @@ class _Told:
     def __init__(self, progress: Progress | None, on_best: Callable[[str], None] | None) -> None:
         self._progress, self._on_best, self._total = progress, on_best, 1
         self._before = self._expected = self._done = self._within = 0
+        self._best = 0, 0.0
         self._tell()
 
     def expect(self, runs: int) -> None:
@@ -418,10 +439,12 @@ class _Told:
         if self._progress is not None:
             self._progress(min(done, self._total), self._total)
 
-    def best(self, text: str) -> None:
-        """A setting is better than all before."""
-        if self._on_best is not None:
-            self._on_best(text)
+    def tried(self, cases: int, worst: float, text: Callable[[], str]) -> None:
+        """Tell a setting, in words, that is better than those before over as many cases, or over more."""
+        reached = cases, -worst
+        if self._on_best is not None and math.isfinite(worst) and reached > self._best:
+            self._best = reached
+            self._on_best(text())
 
 
 @dataclass
@@ -467,11 +490,18 @@ class _Task:
         """Runs by which one design is judged."""
         return (1 + len(self.cases.judged)) * len(STARTS)
 
-    def checked(self, file: Path) -> QuietDrive:
-        """A table that was given, judged."""
+    def checked(self, file: Path, room: int) -> QuietDrive:
+        """A table that was given, judged; OptionError where a driver has no room for its rows."""
         table = {"driver.table": read_current_table(file)}
+        with error_context(file):
+            given = self.scenario.with_(table)
+        rows = given.driver.beats * given.driver.microsteps
+        if rows > room:
+            raise OptionError(
+                "table_rows", f"is less than the {rows} rows that the table takes", str(room)
+            )
         self.told.expect(2 * self._runs_judged)
-        return self._judged(None, self.scenario.with_(table), (), (), None)
+        return self._judged(None, given, (), (), None)
 
     def searched(self) -> QuietDrive:
         """The best setting, judged, with what each lever brings alone."""
@@ -481,7 +511,7 @@ class _Task:
         nominal = self._search([{}], self.levers)
         self.told.begin(self._runs_nominal)
         best = nominal.run(self._effort_nominal, tuple(nominal.as_it_is()))
-        search = self._search(self.cases.searched, self.levers, robust=True)
+        search = self._search(self.cases.searched, self.levers)
         self.told.begin(self._runs_searched)
         search.run(self.effort, (best.setting, *search.as_it_is()))
         found = self._chosen(search, best.setting)
@@ -510,23 +540,21 @@ class _Task:
         alike = [one for one in finished if one.worst <= AS_GOOD * choice.best]
         return min(alike, key=lambda one: one.median, default=search.tried[0])
 
-    def _search(
-        self, cases: Sequence[dict[str, Any]], levers: tuple[Lever, ...], robust: bool = False
-    ) -> Search:
+    def _search(self, cases: Sequence[dict[str, Any]], levers: tuple[Lever, ...]) -> Search:
         base = searched_record(self.scenario)
         drives = Drives(base, cases, SEARCHED, self.constraints.why_not)
 
-        def on_tried(one: Tried, better: bool) -> None:
+        def on_tried(one: Tried) -> None:
             self.told.step(len(cases) * len(SEARCHED))
-            if robust and better:
-                self.told.best(self._best_in_words(one))
+            self.told.tried(len(cases), one.worst, lambda: self._in_words(one, levers, len(cases)))
 
         return Search(drives, levers, self.figures, on_tried)
 
-    def _best_in_words(self, best: Tried) -> str:
-        figure = self.objective.measure.figure(best.worst)
-        text = in_words(self.scenario, self.levers, best.setting)
-        return f"{figure} in the worst of {len(self.cases.searched)} cases: {text}"
+    def _in_words(self, one: Tried, levers: tuple[Lever, ...], cases: int) -> str:
+        figure = self.objective.measure.figure(one.worst)
+        text = in_words(self.scenario, levers, one.setting)
+        judged = f"in the worst of {cases} cases" if cases > 1 else "of the nominal drive"
+        return f"{figure} {judged}: {text}"
 
     def _alone(self, lever: Lever) -> LeverAlone:
         search = self._search([{}], (lever,))
@@ -640,9 +668,13 @@ def _quantiles(
     ]
     for part in (0.5, P95):
         for values in sizes:
-            yield float(np.quantile(values, part, method="higher"))
+            yield upper_quantile(values, part)
 
 
 def _amplitude(figure: Figure, name: str) -> float:
-    """Amplitude of a line; nan where it is above the passband, 0 where it is not there or small."""
+    """Amplitude of a line; nan where it is above the passband, 0 where it is not there or small, and
+    infinite where the drive does not come to its rate.
+    """
+    if figure.value == math.inf and not figure.lines:
+        return math.inf
     return max((a for line, _, a in figure.lines if line == name), default=0.0)
