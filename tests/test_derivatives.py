@@ -149,6 +149,24 @@ def test_errors_of_two_parameters_do_not_cancel_in_the_check(
     assert np.min(found) > 0.001
 
 
+def test_equal_errors_of_parameters_that_act_alike_are_seen() -> None:
+    """Beside motions that are closed: force and radius of a slip ring have one direction and the same errors
+    with little effort, of which the check of both, changed in opposite ways, saw a fifth.
+    """
+    solved = steady_state(random_scenario(1041))
+    alike = ["friction.slip_ring.contact_force", "friction.slip_ring.ring_radius"]
+    found = solved.derivatives(["driver.proportional_gain", *alike])
+    size = np.abs(found.amplitudes)
+    large = size > 3e-3 * size.max()
+    orders, part = found.orders[large], 3e-5
+    below, here, above = (_closed(solved, alike[0], 1.0 + x, orders) for x in (-part, 0.0, part))
+    expected = (above - below) / (2.0 * part * here)
+    for own in found.relative[1:, large]:
+        off = np.abs(own - expected) / np.maximum(np.abs(expected), 1.0)
+        assert np.mean(np.isfinite(off)) > 0.9
+        assert np.nanmax(off) < 1e-4
+
+
 def test_where_little_effort_is_not_good_more_is_made() -> None:
     """Of a drive whose lines are steep and curved functions of its parameters, beside motions that are
     closed.
@@ -176,7 +194,7 @@ def test_where_little_effort_is_not_good_more_is_made() -> None:
     )
     assert not quick.is_good
     assert np.max(off) < 3e-5
-    assert not np.nanmax(quickly_off) < 3e-5
+    assert not np.all(quickly_off < 3e-5)  # off, or refused
 
 
 def test_near_a_kink_there_is_no_derivative() -> None:

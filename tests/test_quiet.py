@@ -231,6 +231,16 @@ def test_a_constraint_forbids_settings(drive: mv.Scenario) -> None:
         quiet(drive, "rms", ["ramp"], constraints=Constraints(margin=50.0), cases=8, effort=4)
 
 
+def test_a_drive_with_presliding_is_drawn_with_its_own_and_without(drive: mv.Scenario) -> None:
+    own = {"stiffness": "3000 N*m/rad", "elements": 7}
+    scenario = drive.with_({"friction.presliding": own})
+    cases = draw_cases(scenario, [], count=8)
+    assert "friction.presliding: stiffness 3000 N*m/rad, elements 7 or none" in cases.text
+    drawn = [scenario.with_si(changes).friction.presliding for changes in cases.judged]
+    assert drawn.count(None) == 4
+    assert drawn.count(scenario.friction.presliding) == 4
+
+
 # ---- The search ----
 
 

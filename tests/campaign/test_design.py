@@ -46,6 +46,16 @@ def test_combinations_go_with_every_level():
     }
 
 
+def test_a_group_that_the_scenario_has_is_a_level():
+    """As is one that it has not: friction with and without its memory."""
+    without, other = None, {"stiffness": "5000 N*m/rad"}
+    for base in ({}, {"friction.presliding": {"stiffness": "3000 N*m/rad"}}):
+        d = design(study(vary={"friction.presliding": [without, other]}, set={**SHORT, **base}))
+        levels = [d.base.with_si(d.changes(k)).friction.presliding for k in range(d.cases)]
+        assert levels[0] is None
+        assert levels[1].stiffness == 5000.0
+
+
 def test_one_factor_scales_several_keys_together():
     keys = ["friction.coulomb", "friction.breakaway"]
     with pytest.raises(ScenarioError, match="below coulomb"):

@@ -66,7 +66,7 @@ NOTABLE, GOOD, MOST_OF_THEM = 1e-2, 2.5e-4, 0.9
 else more effort is made."""
 MOST_CHANGED = 1e-3
 """Change of the logarithm of a notable line up to which it is looked whether lines follow."""
-CHECKED, TOLERANCE = 1e-5, 5e-4
+CHECKED, TOLERANCE = 1e-5, 2e-4
 """Part of themselves by which parameters change to see whether lines follow their derivatives with
 other steps, and by how much they may not, over it and the largest relative derivative of the line (at
 least 1)."""

@@ -132,6 +132,8 @@ def variation(scenario: Scenario, key: str, spec: Any) -> Levels | Uncertain:
     found = _entries(scenario)
     if isinstance(spec, dict) and "scale" in spec:
         return _factor(found, key, spec, where)
+    if any(name.startswith(f"{key}.") for name in found):  # a group, which has values whole
+        return _of_one_key(key, None, spec, None, where)
     keys = _matching(found, key, where)
     values = {found[name][0] for name in keys}
     value, quantity = values.pop() if len(values) == 1 else None, found[keys[0]][1]

@@ -10,6 +10,7 @@ from typing import Any
 
 from microvib.errors import OptionError
 from microvib.io.file_access import NO_FILES, WORKING_FOLDER
+from microvib.model.part import to_plain_data
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validate_part
 from microvib.studies.campaign.design import Design, design, read_study
@@ -139,7 +140,9 @@ def _text(value: Any) -> str:
     if value is None:
         return "none"
     if isinstance(value, dict):
-        return ", ".join(f"{name} {text}" for name, text in value.items())
+        return ", ".join(f"{name} {_text(part)}" for name, part in value.items() if part != [])
+    if isinstance(value, list):
+        return f"of {len(value)} rows"
     return str(value)
 
 
@@ -191,7 +194,7 @@ def _with_and_without_presliding(scenario: Scenario) -> Iterator[dict[str, Any]]
         return
     own = scenario.friction.presliding
     if own is not None:
-        yield {"friction.presliding": own}
+        yield {"friction.presliding": to_plain_data(own, text=True)}
     else:
         stiffness = breakaway / STICKING_ANGLE
         yield {"friction.presliding": {"stiffness": f"{stiffness:.6g} N*m/rad"}}
