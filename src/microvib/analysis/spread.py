@@ -102,7 +102,7 @@ def spread_sentence(table: LineTable) -> str:
 
 
 def _counting(lines: Iterable[Line], table: LineTable) -> list[Line]:
-    """Those of some lines of a table that may have a spread."""
+    """Choose those of some lines of a table that may have a spread."""
     top = max((x.amplitude for x in table if math.isfinite(x.amplitude)), default=0.0)
     return [x for x in lines if x.seen and x.amplitude > MIN_RATIO * top]
 

@@ -133,7 +133,7 @@ class Spread:
 
 
 def upper_quantile(values: np.ndarray, part: float) -> float:
-    """The least of some values (n,) that a further one exceeds with a probability of at most 1 - ``part``;
+    """Least of some values (n,) that a further one exceeds with a probability of at most 1 - ``part``;
     the largest where they are too few for that; nan where one is.
 
     The k-th smallest of n values is exceeded with the probability 1 - k/(n + 1), whatever their
