@@ -116,7 +116,7 @@ class VaryingDrive:
 
     @cached_property
     def _parts(self) -> dict[float, float]:
-        """Of each order but 0 the part of a motion that it makes as a rule: of the motor's spring that of
+        """Part of a motion that each order but 0 makes as a rule: of the motor's spring that of
         the mean, of others the median over frequency.
         """
         omega = 2.0 * math.pi * self._typical_frequencies
@@ -217,7 +217,7 @@ class VaryingDrive:
 
     @property
     def on(self) -> np.ndarray:
-        """Those along which anything varies, (r, n)."""
+        """Directions along which anything varies, by the coordinates, (r, n)."""
         return np.asarray(self._every[list(self.directions)])
 
     @cached_property
@@ -397,7 +397,7 @@ _TRACE = 1e-6
 
 @dataclass(frozen=True)
 class RestOfDrive:
-    """What an element of a drive makes of loads at frequencies that are not known: a torque of no more
+    """Part of an element that makes lines of loads at frequencies that are not known: a torque of no more
     than |K + j omega C| times the motion along its direction.
     """
 
@@ -467,7 +467,7 @@ def rests_of_drives(
     second: Scenario | None = None,
     sticking: tuple[Sticking, Sticking] = (SLIDES, SLIDES),
 ) -> list[RestOfDrive]:
-    """What elements of the drives of a craft make at frequencies that are not known; arguments as for
+    """Parts of the elements of the drives of a craft that make lines at frequencies that are not known; arguments as for
     ``varying_drives``.
     """
     found = []

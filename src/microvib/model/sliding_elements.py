@@ -125,7 +125,7 @@ class SlidingElements:
 
     @property
     def rests(self) -> tuple[Rest, ...]:
-        """What is known by its size alone."""
+        """Coefficients that are known by their size alone."""
         found = []
         for direction, one in enumerate(self._slopes):
             if one.rest > 0.0:
@@ -244,7 +244,7 @@ class SlidingElements:
     # ---- The gear ----
 
     def _of_gear(self) -> Iterator[tuple[float, Varying]]:
-        """What errors change of a gear's spring and damper, with s = eps - theta_m/h - theta_l its twist:
+        """Changes of a gear's spring and damper by its errors, with s = eps - theta_m/h - theta_l its twist:
         d s/d theta_m has a = d eps/d theta_m besides, and the gear's torque the lever d a/d theta_m.
         """
         reducer = self.drive.reducer

@@ -527,7 +527,7 @@ _FED_BY_FRICTION = (
 
 
 class _OfWing(Protocol):
-    """What is of the drive of a wing, by its number."""
+    """Something of the drive of a wing, by its number."""
 
     @property
     def wing(self) -> int:
@@ -539,7 +539,7 @@ _Of = TypeVar("_Of", bound=_OfWing)
 
 
 def _of_wings(wings: Sequence[int], each: Sequence[_Of]) -> list[_Of]:
-    """What is of the drives of some wings."""
+    """Parts that belong to the drives of some wings."""
     return [one for one in each if one.wing in wings]
 
 
