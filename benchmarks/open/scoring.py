@@ -160,6 +160,24 @@ def line_row(name: str, score: Score) -> list[str]:
     ]  # fmt: skip
 
 
+def coverage_row(name: str, scores: Sequence[Score]) -> list[str]:
+    """A row of the table of intervals over several groups of recordings: means over all recordings,
+    with their standard errors.
+    """
+    row = [name]
+    for key in ("frequency", "amplitude", "phase"):
+        each = [100.0 * part for score in scores for part in score.inside.get(key, ())]
+        if len(each) > 1:
+            error = float(np.std(each, ddof=1)) / math.sqrt(len(each))
+            row.append(f"{float(np.mean(each)):.1f} ± {error:.1f}")
+        else:
+            row.append(f"{each[0]:.1f} of one" if each else "none stated")
+    return row
+
+
+COVERAGE_HEADER = ["estimator", "frequency in 95 %", "amplitude in 95 %", "phase in 95 %"]
+
+
 LINE_HEADER = [
     "estimator", "lines", "missed %", "false a recording", "frequency, bins/1000", "amplitude %",
     "amplitude over least", "phase, mrad", "frequency in 95 %", "amplitude in 95 %", "phase in 95 %",
