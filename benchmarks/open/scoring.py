@@ -203,12 +203,25 @@ def parameter_rows(
         table.append([
             key, str(len(each)), str(len(sure)), f"{sum(inside)} of {len(sure)}",
             f"{sum(every)} of {len(stated)}",
-            f"{100.0 * float(np.median(errors)):.2f}" if errors else "-",
+            f"{100.0 * float(np.median(errors)):.2f}" if errors else "-", _rms_deviations(sure),
         ])  # fmt: skip
     return table
 
 
 PARAMETER_HEADER = [
     "key", "recordings", "identifiable", "of these, truth in 95 %", "truth in 95 %, of all stated",
-    "median error %",
+    "median error %", "RMS error, deviations",
 ]  # fmt: skip
+
+
+def _rms_deviations(each: Sequence[tuple[float, float, float, float, bool]]) -> str:
+    """RMS of errors over their standard deviations, as the side of the interval has it on which the
+    truth lies.
+    """
+    if not each:
+        return "-"
+    ratios = [
+        NORMAL * (truth - estimate) / ((high if truth > estimate else low) - estimate)
+        for truth, estimate, low, high, _ in each
+    ]
+    return f"{math.sqrt(float(np.mean(np.square(ratios)))):.2f}"
