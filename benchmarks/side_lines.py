@@ -76,10 +76,12 @@ def compared(scenario: mv.Scenario, seed: int) -> tuple[int, float, float, float
     if not drives:
         return None
     (drive,) = drives
-    u = drive.rotor_motion(np.array([f]), 0.1 * (craft.on_hub(PLACE) @ LOADS)[:, None])[0, 0]
-    bounds = drive.response(np.array([f]))
+    loaded, forces = np.array([f]), 0.1 * (craft.on_hub(PLACE) @ LOADS)[:, None]
+    motion = drive.motion(loaded, forces)[:, :, 0].T
+    bounds = drive.response(loaded)
     at, beside = bounds.frequency[:, 0], bounds.orders != 0
-    balance = replace(drive, with_margins=False).response(np.array([f])).los[:, 0] * u
+    alike = replace(drive, with_windings=False)
+    balance = replace(alike, with_margins=False).response(loaded).of_motion(motion)[:, 0]
     large = balance.max(axis=1) > 0.01 * balance[beside].max()
     counts = np.flatnonzero(beside & large & (at > 0.05) & (at < 70.0) & resolved(at))
     if counts.size == 0:
@@ -87,7 +89,7 @@ def compared(scenario: mv.Scenario, seed: int) -> tuple[int, float, float, float
     found = amplitudes(t, y, np.r_[f, at[counts]])[1:]
     largest = np.unravel_index(np.argmax(found), found.shape)
     over_balance = float(found[largest] / balance[counts][largest])
-    most = bounds.los[counts, 0] * u
+    most = bounds.of_motion(motion)[counts, 0]
     over_bound = float(np.max(found / most)) if np.all(np.isfinite(most)) else 0.0
     return seed, drive.spring.motion, over_balance, over_bound
 

@@ -23,6 +23,7 @@ from microvib.model.drive_states import (
 from microvib.model.driver import spring_factors
 from microvib.model.linear import linear_lines
 from microvib.model.rigid import rigid_motion_at
+from microvib.model.shaft_rates import ShaftRates
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.side_lines import TurningDrives
@@ -34,6 +35,11 @@ SMOOTH = {"coulomb": "0 N*m", "breakaway": "0 N*m", "stribeck_rate": "0.003 deg/
 DRY = {**SMOOTH, "coulomb": "1 N*m", "breakaway": "1 N*m"}
 HELD = {"drive": "held", "interface": {"position": ["0.35 m", "-0.9 m", "-0.2 m"], "drive_axis": [0, -1, 0], "reference": [1, 0, 0]}}  # fmt: skip
 HYSTERESIS = {"loss": "1 arcmin", "stiffness": "20000 N*m/rad"}
+STAYS = (
+    Sticking(True, True, rates=ShaftRates(np.ones(1), np.ones(1), gear_swing=0.0)),
+    MAY_STICK,
+)
+"""A gear whose torque swings too little for its elements to slide as the drive turns."""
 CENTER = rigid_motion_at(np.zeros(3))
 
 
@@ -193,7 +199,7 @@ def test_other_sources_are_as_large_as_in_the_worst_state(
     given = {"lines": "lines.csv"} if what == "line" else {"wheel": wheel}
     source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], **given)
     r = Requirement(metric="ape", axis="y", limit="1 urad")
-    one = contribution_of_other(source, scenario, FileAccess(folder=tmp_path))
+    one = contribution_of_other(source, scenario, FileAccess(folder=tmp_path), STAYS)
     found = assess(r, [worst_alternative(r, one)], "rss")
     size = np.array([0.2 if what == "line" else 1e-6 * (2.0 * np.pi * x) ** 2 for x in speeds])
     at = np.array(speeds)
@@ -217,11 +223,12 @@ def test_a_density_is_as_large_as_in_the_worst_state(
     source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], density="d.csv")
     files, grid = FileAccess(folder=tmp_path), np.linspace(6.15, 6.16, 201)
     r = Requirement(metric="ape", axis="y", limit="1 urad", statistic=statistic)
-    found = assess(r, [contribution_of_other(source, scenario, files)], "rss")
+    found = assess(r, [contribution_of_other(source, scenario, files, STAYS)], "rss")
     known = assess(r, [contribution_of_other(source, plain, files)], "rss")
     rms = [float(np.sqrt(np.trapezoid(by_loads(x, grid)[:, 1, 4] ** 2, grid))) for x in stuck]
     factor = known.value / rms[0]
-    assert known.least == pytest.approx(known.value)
+    # but for what microsteps change of the spring, about a hundred thousandth
+    assert known.value * (1.0 - 1e-4) <= known.least <= known.value
     assert known.value <= known.most <= 1.05 * known.value  # side lines of the detent torque
     assert max(rms) * factor <= found.most * (1.0 + 1e-3)
     assert found.most <= 1.1 * max(rms) * factor

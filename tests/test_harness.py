@@ -181,7 +181,9 @@ def test_harness_and_eddy_currents_are_assumed_until_their_source_is_given():
     data = {"friction.harness": {"stiffness": "2 N*m/rad"}, "motor.eddy_damping": "1 mN*m*s/rad"}
     changed = scenario.with_(data)
     assert provenance(changed.source_of(keys[0])).status == "set by the user"
-    unnamed = changed.with_sources({})
+    unnamed = changed.with_sources({"friction": "Table 3", "motor": "its data sheet"})
+    assert all(provenance(unnamed.source_of(key)).status == "assumed" for key in keys)
+    assert unnamed.source_of("friction.coulomb") == "Table 3"
     assert set(keys) <= set(values_without_range(unnamed))
     told = unnamed.with_sources({"friction.harness": "measured", "motor.eddy_damping": "measured"})
     assert all(provenance(told.source_of(key)).status == "given" for key in keys)

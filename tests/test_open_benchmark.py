@@ -95,6 +95,31 @@ def test_intervals_that_do_not_hold_the_truth_are_counted(folder):
     assert row["amplitude in 95 %"] == "50.0"
 
 
+def test_intervals_of_both_halves_are_means_over_recordings(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks" / "open"))
+    from scoring import Score, coverage_row
+
+    halves = [
+        Score(inside={"phase": [1.0, 0.8]}),
+        Score(inside={"phase": [0.9], "amplitude": [1.0]}),
+    ]
+    row = coverage_row("mine", halves)
+    assert row == ["mine", "none stated", "100.0 of one", "90.0 ± 5.8"]
+
+
+def test_parameters_tell_how_far_they_are_off_over_what_is_stated(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks" / "open"))
+    from scoring import PARAMETER_HEADER, parameter_rows
+
+    row = {"key": "k", "estimate": "10", "low": "8", "high": "14", "identifiable": "yes"}
+    truths = {"a": {"k": 11.0}, "b": {"k": 9.0}, "c": {"k": 15.0}}
+    (cells,) = parameter_rows(truths, [row | {"case": name} for name in truths])
+    told = dict(zip(PARAMETER_HEADER, cells, strict=True))
+    assert told["of these, truth in 95 %"] == "2 of 3"
+    off = [1.96 * x for x in (1.0 / 4.0, 1.0 / 2.0, 5.0 / 4.0)]
+    assert told["RMS error, deviations"] == f"{math.sqrt(sum(x * x for x in off) / 3.0):.2f}"
+
+
 NAMES = ("case-002", "case-008")
 
 
@@ -132,8 +157,9 @@ def test_two_cases_are_made_estimated_and_scored(tmp_path):
 
 
 @pytest.mark.long
-def test_the_integrator_agrees_with_ours(tmp_path):
-    text = benchmark("check", tmp_path, "--only", "case-000")
+@pytest.mark.parametrize("name", ["case-000", "case-004"])  # the second has flux harmonics
+def test_the_integrator_agrees_with_ours(tmp_path, name):
+    text = benchmark("check", tmp_path, "--only", name)
     count, off = int(text.split()[1]), float(text.split()[-2])
     assert count > 3
     assert off < 0.1

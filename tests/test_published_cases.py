@@ -333,6 +333,11 @@ def test_draws_of_another_version_of_the_file_are_refused(tmp_path, monkeypatch)
     assert len(kept.kept_figures(path, test).figures) == 3
     kept.extend_figures(drive, tmp_path / "our-test.csv", 5)
     assert len(kept.kept_figures(path, test).figures) == 5
+    lines = (tmp_path / "our-test.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "our-test.csv").write_text("".join(line for line in lines if line[:2] != "2,"))
+    rows = kept.extend_figures(drive, tmp_path / "our-test.csv", 5)
+    assert [row["draw"] for row in rows] == list("012345")
+    assert (tmp_path / "our-test.csv").read_text().splitlines(keepends=True) == lines
     other = validated(tmp_path, printed().replace("high: 10 percent", "high: 12 percent"))
     with pytest.raises(MicrovibError, match="draws of another version of the test's file"):
         kept.kept_figures(path, other)
@@ -343,7 +348,10 @@ def test_draws_of_another_version_of_the_file_are_refused(tmp_path, monkeypatch)
 
 @pytest.mark.parametrize(
     ("text", "why"),
-    [("a,b\n", "is not a table of draws of this test"), ("a,b\n1,2\n", "is not a table of draws")],
+    [
+        ("a,b\n", "is not a table of draws of the test 'Drive XY on the force table'"),
+        ("a,b\n1,2\n", "is not a table of draws"),
+    ],
 )
 def test_a_table_of_something_else_is_not_replaced(tmp_path, text, why):
     test = validated(tmp_path, printed())
@@ -384,6 +392,9 @@ def test_draws_of_other_equations_are_told(tmp_path):
         ("as tested: {}", "as tested: {sets: {}}", "cases.as tested.sets: unknown key"),
         ("case: as tested, at_most", "case: as teste, at_most", "there is no case 'as teste'"),
         ("metric: torque, cases", "metric: torqe, cases", "there is no metric 'torqe'"),
+        ("case: as tested, value", "value", "compare.0.figure.case: missing (name of one of the cases)"),
+        ("value: 45 mN*m", "value: -45 mN*m", "compare.0.figure.value: '-45 mN*m' is not allowed; it must be greater than 0 N*m"),
+        ("over: as tested, at_most: 0.5", "over: as tested, over_metric: lost, at_most: 0.5", "'lost' is in no unit and 'driving line' in N*m; two metrics of one unit"),
         ("at_most: 0.2 N*m", "at_most: 0.2", "needs a unit"),
         ("at_most: 0.2 N*m", "at_most: 0.2 Hz", "wrong dimension"),
         ('{what: rms, band: "1:200 Hz"}', "{what: rms}", "band: missing; what: rms needs it"),
@@ -403,6 +414,7 @@ def test_draws_of_other_equations_are_told(tmp_path):
 def test_a_bad_file_is_one_sentence(tmp_path, old, new, why):
     text = printed()
     assert old in text
+    text = text.replace("metrics:\n", "metrics:\n  lost: {what: lost steps}\n", 1)
     (tmp_path / "our-test.yaml").write_text(text.replace(old, new))
     done = CliRunner().invoke(main, ["validate", str(tmp_path / "our-test.yaml")])
     assert done.exit_code == 1

@@ -1,5 +1,7 @@
 """Recordings: read and written in every format, prepared, and refused for what is wrong with them."""
 
+import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from microvib.errors import OutputError
+from microvib.errors import MicrovibError, OutputError
 from microvib.io.recordings import read_prepared, read_recording, write_recording
 from microvib.model.rigid import COMPONENTS
 from microvib.testdata.preparation import Preparation
@@ -186,6 +188,14 @@ def test_axis_map_and_cross_talk():
     turned = made().mapped({"Mz": "-Mx", "Mx": "Mz"})
     assert turned["Mz"] == pytest.approx(-made()["Mx"])
     assert "channels" in turned.notes[0]
+
+
+def test_a_point_is_given_in_metres_or_with_units():
+    assert Preparation(offset=("20 cm", 0.0, "120 mm")).offset == (0.2, 0.0, 0.12)
+    for bad, why in (("1 s", "offset.0: '1 s' has the wrong dimension; a unit compatible with m"),
+                     ("0.2", "offset.0: '0.2' needs a unit"), (math.nan, "offset.0: nan is not allowed")):  # fmt: skip
+        with pytest.raises(MicrovibError, match=re.escape(why)):
+            Preparation(offset=(bad, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("noise", "times"), [(0.1, 20.0), (1e-4, None)])

@@ -10,7 +10,7 @@ from support.turning_in_time import LOADS, PLACE, amplitudes, integrated, smooth
 import microvib as mv
 from microvib.io.file_access import WORKING_FOLDER
 from microvib.model.drive_states import SLIDES, craft_of_drives
-from microvib.model.side_lines import varying_drives
+from microvib.model.side_lines import SideResponse, VaryingDrive, varying_drives
 from microvib.studies.budget.files import OtherSource, Requirement, Wheel, WheelHarmonic
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.sums import assess
@@ -35,6 +35,17 @@ DRIVES: dict[str, dict[str, object]] = {
 }  # fmt: skip
 
 
+def lines_of(drive: VaryingDrive, f: float) -> tuple[np.ndarray, np.ndarray, SideResponse]:
+    """Lines (k, 2) that a drive with the currents that are asked for makes of the loads at f [Hz], at most
+    and by harmonic balance."""
+    drive = replace(drive, with_windings=False)
+    at, forces = np.array([f]), 0.1 * (drive.craft.on_hub(PLACE) @ LOADS)[:, None]
+    motion = drive.motion(at, forces)[:, :, 0].T
+    found = drive.response(at)
+    balance = replace(drive, with_margins=False).response(at)
+    return found.of_motion(motion)[:, 0], balance.of_motion(motion)[:, 0], found
+
+
 @pytest.fixture(scope="module")
 def ideal() -> mv.Scenario:
     return smooth_drive()
@@ -47,10 +58,8 @@ def test_side_lines_are_those_of_the_nonlinear_drive_in_time(ideal, name):
     f, scenario = 7.31, ideal.with_(DRIVES[name])
     craft, t, y = integrated(scenario, f, 8.0, 10.0)
     (drive,) = varying_drives(scenario, craft)
-    u = drive.rotor_motion(np.array([f]), 0.1 * (craft.on_hub(PLACE) @ LOADS)[:, None])[0, 0]
-    response = drive.response(np.array([f]))
-    most, at = response.los[:, 0] * u, response.frequency[:, 0]
-    balance = replace(drive, with_margins=False).response(np.array([f])).los[:, 0] * u
+    most, balance, response = lines_of(drive, f)
+    at = response.frequency[:, 0]
     beside = response.orders != 0
     large = balance.max(axis=1) > 0.01 * balance[beside].max()
     counts = np.flatnonzero(beside & large & (at > 0.05) & (at < 70.0))
@@ -153,4 +162,4 @@ def test_a_spring_that_is_lost_at_some_angle_is_not_bounded(ideal):
     (drive,) = varying_drives(
         ideal.with_({"motor.detent_torque": "8 mN*m"}), craft_of_drives(ideal)
     )
-    assert np.all(np.isinf(drive.response(np.array([7.3])).los[drive.orders == 4]))
+    assert np.all(np.isinf(drive.response(np.array([7.3])).los[:, drive.orders == 4]))

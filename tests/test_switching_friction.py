@@ -181,15 +181,22 @@ def test_a_held_drive_switches_nothing(example):
     assert not TurningDrives(parked, (MAY_STICK, MAY_STICK)).friction.switches
 
 
+class Shafts(dict[str, np.ndarray]):
+    """Channels of a motion that is too short to tell rates over a turn."""
+
+    time = np.zeros(1)
+
+    def __init__(self, channels: dict[str, np.ndarray], scenario: mv.Scenario) -> None:
+        super().__init__(channels)
+        self.scenario = scenario
+
+
 def test_a_shaft_that_nearly_stops_in_its_steps_is_not_turned_back_by_a_small_load(example):
     """A load that changes the rate by more than the least rate of the run makes it stick."""
     scenario = with_friction(example, 8, 0.02, 0.02)
-    motion = {
-        "stuck_rotor": np.zeros(2),
-        "stuck_output": np.zeros(2),
-        "omega_m": np.array([0.02, 0.3]),
-    }
-    sticking = sticking_of({**motion, "omega_l": np.array([1e-8, 2e-3])})
+    stands = {"stuck_rotor": np.zeros(2), "stuck_output": np.zeros(2)}
+    rates = {"omega_m": np.array([0.02, 0.3]), "omega_l": np.array([1e-8, 2e-3])}
+    sticking = sticking_of(Shafts({**stands, **rates}, scenario))
     assert not sticking.output
     forces = TurningDrives(scenario, STICKS).craft.on_hub(PLACE) @ TORQUE
     near, far = (

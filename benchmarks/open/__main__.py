@@ -27,7 +27,16 @@ import yaml
 from cases import CASES, OPEN, SALT, WITHHELD, Case, Ripple, Test, case_of, cases, draw, manifest
 from estimators import ESTIMATORS
 from recordings import Made, make
-from scoring import LINE_HEADER, PARAMETER_HEADER, Score, Truth, line_row, parameter_rows
+from scoring import (
+    COVERAGE_HEADER,
+    LINE_HEADER,
+    PARAMETER_HEADER,
+    Score,
+    Truth,
+    coverage_row,
+    line_row,
+    parameter_rows,
+)  # fmt: skip
 
 COLUMNS = (
     "case", "frequency_hz", "amplitude_n_m", "phase_rad", "frequency_sd_hz", "amplitude_sd_n_m", "phase_sd_rad",
@@ -40,7 +49,7 @@ UNITS = {
     "winding_inductance": "H", "rotor_inertia": "kg*m^2", "coulomb": "N*m", "breakaway": "N*m",
     "stribeck_rate": "rad/s", "viscous": "N*m*s/rad", "proportional_gain": "V/A", "integral_gain": "V/(A*s)",
     "derivative_gain": "V*s/A", "quadrature": "rad", "wave_generator_inertia": "kg*m^2", "stiffness": "N*m/rad",
-    "damping": "N*m*s/rad", "output_inertia": "kg*m^2", "inertia": "kg*m^2", "rigid_inertia": "kg*m^2",
+    "damping": "N*m*s/rad", "phase": "rad", "output_inertia": "kg*m^2", "inertia": "kg*m^2", "rigid_inertia": "kg*m^2",
     "effective_inertia": "kg*m^2", "frequency": "Hz", "rate": "rad/s", "settle": "s", "duration": "s",
     "sample_rate": "Hz",
 }  # fmt: skip
@@ -183,9 +192,12 @@ def score(out: Path, every: Sequence[Case], others: Sequence[Path]) -> str:
     files = {name: path for name, path in files.items() if path.exists()}
     files |= {path.stem: path for path in others}
     parts = []
+    scores: dict[str, list[Score]] = {name: [] for name in files}
     for half in (OPEN, WITHHELD):
         mine = [case for case in every if case.half == half]
-        rows = [line_row(name, line_score(out, mine, path)) for name, path in files.items()]
+        for name, path in files.items():
+            scores[name].append(line_score(out, mine, path))
+        rows = [line_row(name, of[-1]) for name, of in scores.items()]
         parts.append(f"Lines, {half} half, {len(mine)} recordings\n\n{_table(LINE_HEADER, rows)}")
         truths = {case.name: _truth(out, case)["parameters"] for case in mine}
         for path in sorted(out.glob("parameters of *.csv")):
@@ -196,6 +208,10 @@ def score(out: Path, every: Sequence[Case], others: Sequence[Path]) -> str:
             parts.append(
                 f"Parameters, {half} half, {explained} of {cases_} recordings explained\n\n{table}"
             )
+    rows = [coverage_row(name, of) for name, of in scores.items()]
+    parts.append(
+        f"Intervals of lines, both halves, {len(every)} recordings\n\n{_table(COVERAGE_HEADER, rows)}"
+    )
     return "\n\n".join(parts)
 
 
@@ -226,9 +242,6 @@ def check(every: Sequence[Case]) -> None:
     for case in every:
         test, _ = made_case(case)
         quiet = replace(test, ripple=Ripple(0.0, 0.0))
-        if quiet.drive.flux.size:
-            print(f"{case.name}: has flux harmonics, which a scenario does not take")
-            continue
         scenario = _with_units(quiet.true_scenario())
         off, count = ours.largest_difference(
             scenario, make(quiet).lines, quiet.f_e, quiet.recorder_ratio

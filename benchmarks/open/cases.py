@@ -96,6 +96,10 @@ class Test:
             _put(scenario, key, value)
         nominal = scenario["tracking"]["rate"] * self.drive.h * self.drive.z * len(self.references)
         scenario["tracking"]["clock_ratio"] = self.f_d / (nominal / (2.0 * math.pi))
+        scenario["motor"]["flux_harmonics"] = [
+            {"order": int(order), "amplitude": float(part), "phase": float(phase)}
+            for order, part, phase in self.drive.flux
+        ]
         return scenario
 
 

@@ -160,6 +160,24 @@ def line_row(name: str, score: Score) -> list[str]:
     ]  # fmt: skip
 
 
+def coverage_row(name: str, scores: Sequence[Score]) -> list[str]:
+    """A row of the table of intervals over several groups of recordings: means over all recordings,
+    with their standard errors.
+    """
+    row = [name]
+    for key in ("frequency", "amplitude", "phase"):
+        each = [100.0 * part for score in scores for part in score.inside.get(key, ())]
+        if len(each) > 1:
+            error = float(np.std(each, ddof=1)) / math.sqrt(len(each))
+            row.append(f"{float(np.mean(each)):.1f} ± {error:.1f}")
+        else:
+            row.append(f"{each[0]:.1f} of one" if each else "none stated")
+    return row
+
+
+COVERAGE_HEADER = ["estimator", "frequency in 95 %", "amplitude in 95 %", "phase in 95 %"]
+
+
 LINE_HEADER = [
     "estimator", "lines", "missed %", "false a recording", "frequency, bins/1000", "amplitude %",
     "amplitude over least", "phase, mrad", "frequency in 95 %", "amplitude in 95 %", "phase in 95 %",
@@ -185,12 +203,25 @@ def parameter_rows(
         table.append([
             key, str(len(each)), str(len(sure)), f"{sum(inside)} of {len(sure)}",
             f"{sum(every)} of {len(stated)}",
-            f"{100.0 * float(np.median(errors)):.2f}" if errors else "-",
+            f"{100.0 * float(np.median(errors)):.2f}" if errors else "-", _rms_deviations(sure),
         ])  # fmt: skip
     return table
 
 
 PARAMETER_HEADER = [
     "key", "recordings", "identifiable", "of these, truth in 95 %", "truth in 95 %, of all stated",
-    "median error %",
+    "median error %", "RMS error, deviations",
 ]  # fmt: skip
+
+
+def _rms_deviations(each: Sequence[tuple[float, float, float, float, bool]]) -> str:
+    """RMS of errors over their standard deviations, as the side of the interval has it on which the
+    truth lies.
+    """
+    if not each:
+        return "-"
+    ratios = [
+        NORMAL * (truth - estimate) / ((high if truth > estimate else low) - estimate)
+        for truth, estimate, low, high, _ in each
+    ]
+    return f"{math.sqrt(float(np.mean(np.square(ratios)))):.2f}"

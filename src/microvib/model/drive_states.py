@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -27,10 +27,13 @@ import numpy as np
 from microvib.model.coupling import Source, receiver_of, require_craft, source_of
 from microvib.model.craft import hub_matrices
 from microvib.model.drive_matrices import coordinates
-from microvib.model.driver import spring_factors
+from microvib.model.driver import motor_of_mean_spring, spring_factors
 from microvib.model.friction import Friction
-from microvib.model.linear import frequency_blocks
+from microvib.model.linear import coupled_modes, dynamic_stiffness, frequency_blocks
 from microvib.model.scenario import Scenario
+from microvib.model.shaft_rates import ShaftRates
+from microvib.model.sliding_elements import SlidingElements
+from microvib.model.turning import dynamic_stiffness_of_windings, spring_over_turn
 
 _MANY = 4
 """Springs from which the others are taken at their ends alone."""
@@ -50,6 +53,13 @@ _GROWS = 1e-4
 """Negative damping ratio from which a mode grows; bodies that are free have next to none of their own."""
 _NEGLIGIBLE_SLOPE = 1e-3
 """Part of the viscous friction below which the rest of its slope is left out."""
+_WINDINGS, _RATIO = 1.1, 1.1
+"""By how much more windings and another ratio of the gear may change the response than their own
+equations to first order have it; assumed."""
+_COUNTS = 1e-2
+"""Part of a rotor's motion below which what they change of it is left out, at any frequency."""
+_SLOW, _FAST, _TRIED = 0.05, 500.0, 161
+"""Frequencies at which that is looked at [Hz], beside those of modes."""
 _ALIKE = 1e-9
 """Part of the electromagnetic stiffness by which it may change and be as good as constant."""
 
@@ -71,9 +81,22 @@ class UncertainSpring:
     """Whether friction that sticks and slides while its drive runs makes it come and go."""
     largest: float = math.inf
     """Torque that such friction reaches at most [N m]."""
+    dynamic: Callable[[np.ndarray], np.ndarray] | None = None
+    """Dynamic stiffness [N m/rad] by the angular frequency (m,) [rad/s], where it is no spring with a
+    damper; ``stiffness`` and ``damping`` are then those of modes alone."""
     above_energy: float = 1.0
     """By how much what it makes of loads may be above the bound that holds where its torque never falls
     as its rate grows (``model.switching_friction``); infinite where that tells nothing."""
+
+    def dynamic_stiffness(self, omega: np.ndarray) -> np.ndarray:
+        """Its dynamic stiffness [N m/rad] at ``omega`` (m,) [rad/s], complex, (m,)."""
+        if self.dynamic is not None:
+            return self.dynamic(omega)
+        return np.asarray(self.stiffness + 1j * omega * self.damping)
+
+    def falls_on(self, on: np.ndarray) -> bool:
+        """Whether it is the falling friction of a shaft that always slides, whose angle is ``on`` (n,)."""
+        return self.damping < 0.0 and bool(np.array_equal(self.on, on))
 
 
 class Sticking(NamedTuple):
@@ -86,6 +109,8 @@ class Sticking(NamedTuple):
     """Rates [rad/s] above which shafts that never stick stay; infinite where nobody looked."""
     repeats: bool = False
     """Whether the motion is a steady one that repeats with the steps, to which deviations return."""
+    rates: ShaftRates | None = None
+    """Rates over an electrical turn; None where nobody looked."""
 
     def or_as(self, other: Sticking) -> Sticking:
         """Shafts that may stick in either of two motions."""
@@ -95,6 +120,7 @@ class Sticking(NamedTuple):
             min(self.slowest_rotor, other.slowest_rotor),
             min(self.slowest_output, other.slowest_output),
             self.repeats and other.repeats,
+            None if self.rates is None else self.rates.or_as(other.rates),
         )
 
 
@@ -128,8 +154,10 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
         stiffness = float(reducer.stiffness)
         if reducer.hysteresis is not None:
             stuck, largest = reducer.hysteresis.stiffness, reducer.hysteresis_torque
-            switches = (sticking.output and friction.largest_torque > 0.0) or (
-                sticking.rotor and motor.friction.largest_torque > 0.0
+            switches = (
+                (sticking.output and friction.largest_torque > 0.0)
+                or (sticking.rotor and motor.friction.largest_torque > 0.0)
+                or (bool(scenario.rate) and _elements_slide(scenario, sticking))
             )
             found.append(
                 UncertainSpring(twist, stuck, 0.0, 1.0, switches=switches, largest=largest)
@@ -140,11 +168,23 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
     return found
 
 
+def _elements_slide(scenario: Scenario, sticking: Sticking) -> bool:
+    """Whether elements of a gear's hysteresis stick and slide in turn as a drive turns, for all that is
+    known: from one end of its limits to the other, by the swing of the gear's torque.
+    """
+    if sticking.rates is None:
+        return True
+    swing = sticking.rates.gear_swing / float(scenario.reducer.stiffness)
+    limit = scenario.reducer.hysteresis_torque
+    return any(k * swing >= 2.0 * share * limit for k, share in scenario.reducer.memory)
+
+
 def springs_of_motor(scenario: Scenario, *, stands: bool) -> list[UncertainSpring]:
     """Spring of a motor beside that of the linearised drive, wherever in an electrical turn it is.
 
     By the references, if they are not sine and cosine; of a rotor that stands also by detent torque
-    and flux harmonics.
+    and flux harmonics, and by errors of the gear, which give it another ratio; and by its windings, in
+    which it drives currents.
     """
     motor, factors = scenario.motor, spring_factors(scenario.driver, scenario.motor)
     part = 0.0
@@ -152,11 +192,57 @@ def springs_of_motor(scenario: Scenario, *, stands: bool) -> list[UncertainSprin
         largest = max(abs(factors.low), abs(factors.high), 1.0)
         part = largest * motor.detent_stiffness / motor.electromagnetic_stiffness
     low, high = factors.low - factors.mean - part, factors.high - factors.mean + part
-    if high - low <= _ALIKE:
-        return []
     rotor = coordinates(scenario.reducer, len(scenario.array.modes))[0]
+    found = [] if scenario.driver.drive != "current" else [_of_windings(scenario, rotor, stands)]
+    if stands:
+        found.append(_of_ratio(scenario, rotor))
+    counts = [one for one in found if one is not None]
+    if high - low <= _ALIKE:
+        return counts
     least = max(low, min(_LEAST_STIFFNESS - factors.mean, 0.0))
-    return [UncertainSpring(rotor, motor.electromagnetic_stiffness, least, high)]
+    return [UncertainSpring(rotor, motor.electromagnetic_stiffness, least, high), *counts]
+
+
+def _of_windings(scenario: Scenario, rotor: np.ndarray, stands: bool) -> UncertainSpring | None:
+    """Spring that windings make of a rotor that swings, from none to somewhat more than they do."""
+
+    def dynamic(omega: np.ndarray) -> np.ndarray:
+        return dynamic_stiffness_of_windings(scenario, omega, stands=stands)
+
+    return _where_it_counts(scenario, UncertainSpring(rotor, 0.0, 0.0, _WINDINGS, dynamic=dynamic))
+
+
+def _of_ratio(scenario: Scenario, rotor: np.ndarray) -> UncertainSpring | None:
+    """Spring and inertia of a rotor that stands where errors of its gear make another ratio 1/h - d eps/d
+    theta_m: as that of a rotor that moves so much more or less, of twice the part, to first order.
+    """
+    reducer, motor = scenario.reducer, scenario.motor
+    part = reducer.ratio * math.fsum(float(e.order) * e.amplitude for e in reducer.errors)
+    if part == 0.0:
+        return None
+    spring = motor_of_mean_spring(scenario.driver, motor).electromagnetic_stiffness
+    size, inertia = part * (2.0 + part), motor.rotor_inertia + reducer.input_inertia
+
+    def dynamic(omega: np.ndarray) -> np.ndarray:
+        return size * (spring + 1j * omega * motor.viscous - omega**2 * inertia)
+
+    return _where_it_counts(scenario, UncertainSpring(rotor, 0.0, -_RATIO, _RATIO, dynamic=dynamic))
+
+
+def _where_it_counts(scenario: Scenario, spring: UncertainSpring) -> UncertainSpring | None:
+    """A spring on a rotor with its stiffness and damping for modes, those where it changes the rotor's
+    motion most; None where that is next to nothing at any frequency.
+    """
+    modes = [mode.frequency for mode in coupled_modes(scenario)]
+    f = np.union1d(np.geomspace(_SLOW, _FAST, _TRIED), [x for x in modes if x > _SLOW])
+    moved = np.linalg.inv(dynamic_stiffness(scenario, f))[:, 0, 0]
+    each = spring.dynamic_stiffness(2.0 * np.pi * f)
+    changes = np.abs(each * moved)
+    worst = int(np.argmax(changes))
+    if spring.high * changes[worst] < _COUNTS:
+        return None
+    own, omega = complex(each[worst]), 2.0 * math.pi * float(f[worst])
+    return replace(spring, stiffness=own.real, damping=max(own.imag, 0.0) / omega)
 
 
 def _of_friction(
@@ -215,6 +301,9 @@ class DriveStates:
     """In the coordinates of hub, own wing and second wing."""
     feeds_a_mode: bool = False
     """Whether friction that falls with the rate, which is left out then, may feed a mode."""
+    dampers: tuple[tuple[np.ndarray, float], ...] = ()
+    """Known dampers beside those of the linearised drives: elongation by the coordinates (n,) and
+    damping [N m s/rad]."""
 
     @cached_property
     def _system(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -226,6 +315,8 @@ class DriveStates:
             wings.append((hub.second, hub.second_root))
         for wing, root in wings:
             M, C, K = _with_wing(M, C, K, wing, root)
+        for on, damping in self.dampers:
+            C = C + damping * np.outer(on, on)
         return M, C, K
 
     @cached_property
@@ -315,10 +406,7 @@ class DriveStates:
         G = np.array([spring.on for spring in self.springs]).reshape(-1, K.shape[0]).T
         right = np.concatenate([forces, np.broadcast_to(G, (len(frequency), *G.shape))], axis=2)
         moved = np.linalg.solve(K - omega**2 * M + 1j * omega * C, right.astype(complex))
-        c, z = (
-            forces.shape[2],
-            [s.stiffness + 1j * omega[:, 0, 0] * s.damping for s in self.springs],
-        )
+        c, z = forces.shape[2], [s.dynamic_stiffness(omega[:, 0, 0]) for s in self.springs]
         start = _Reduced(
             seen @ moved[:, :, :c],
             seen @ moved[:, :, c:],
@@ -451,13 +539,49 @@ def _without_feeding(states: DriveStates) -> DriveStates:
 
 
 def craft_of_drives(
-    scenario: Scenario, sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK)
+    scenario: Scenario,
+    sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
+    second: Scenario | None = None,
+    *,
+    own: bool = True,
 ) -> DriveStates:
-    """The craft with its springs that are not known, but for those of motors that turn, which are
-    known over the electrical turn (``model.side_lines``); arguments as for ``drive_states``.
+    """The craft with its springs that are not known, but for elements of drives that turn which are
+    known over the electrical turn (``model.sliding_elements``); the mean slopes of their frictions
+    are dampers. ``second`` is how the drive of the second wing steps, whatever the scenario says;
+    other arguments as for ``drive_states``.
     """
-    found = drive_states(scenario, sticking=sticking, turning=False)
-    return DriveStates(scenario, ()) if found is None else found
+    steps = second is not None
+    found = drive_states(scenario, sticking=sticking, own=own, steps=steps, turning=False)
+    states = DriveStates(scenario, ()) if found is None else found
+    springs, dampers = list(states.springs), []
+    for wing, drive, elements in sliding_elements(scenario, sticking, second):
+        if not own and wing == 0:
+            continue
+        shafts = states.on_rotor_of(wing)[:, 0], states.on_output_of(wing, drive)[:, 0]
+        for on, damping, slides in zip(shafts, elements.mean_damping, elements.slides, strict=True):
+            if slides:
+                springs = [one for one in springs if not one.falls_on(on)]
+            if damping:
+                dampers.append((on, damping))
+    return replace(states, springs=tuple(springs), dampers=tuple(dampers))
+
+
+def sliding_elements(
+    scenario: Scenario,
+    sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
+    second: Scenario | None = None,
+) -> Iterator[tuple[int, Scenario, SlidingElements]]:
+    """Drives of a craft that turn at a constant rate, by their numbers, with their elements; arguments as
+    for ``craft_of_drives``.
+    """
+    for wing, drive in enumerate([scenario, second or scenario.driven_wing]):
+        spring = None if drive is None else spring_over_turn(drive)
+        if drive is None or spring is None:
+            continue
+        own = sticking[wing]
+        slides = not own.rotor, not own.output
+        slowest = own.slowest_rotor, own.slowest_output
+        yield wing, drive, SlidingElements(drive, spring, own.rates, slides, slowest)
 
 
 def _springs_of_own(scenario: Scenario, sticking: Sticking, turning: bool) -> list[UncertainSpring]:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 TEXT_KEYS = ("title", "source", "sources", "reference")  # fields that hold no parameters
 ASSUMED_UNLESS_SOURCED = ("motor.eddy_damping", "friction.harness")
 """Keys and groups that hardly any data sheet gives: assumed, unless ``sources`` says where they come
-from, whatever the source of the scenario is.
+from themselves, whatever the source of the scenario, of its motor or of its friction is.
 """
 ASSUMED_SOURCE = "assumed: no source is given"
 USER_SOURCE = "set by the user"
@@ -732,16 +732,17 @@ class Scenario(Part):
         -------
         str
             Its own source, or that of the closest group above it, or the scenario's; of
-            eddy-current damping and of a harness ``assumed`` in place of the scenario's.
+            eddy-current damping and of a harness ``assumed`` where they have none of their own.
         """
+        own = next(
+            (name for name in ASSUMED_UNLESS_SOURCED if f"{key}.".startswith(f"{name}.")), ""
+        )
         parts = key.split(".")
-        for n in range(len(parts), 0, -1):
+        for n in range(len(parts), own.count("."), -1):
             text = self.sources.get(".".join(parts[:n]))
             if text is not None:
                 return text
-        if any(key == name or key.startswith(f"{name}.") for name in ASSUMED_UNLESS_SOURCED):
-            return ASSUMED_SOURCE
-        return self.source
+        return ASSUMED_SOURCE if own else self.source
 
 
 GivenScenario = Scenario | str | os.PathLike[str]

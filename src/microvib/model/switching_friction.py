@@ -88,7 +88,7 @@ class SwitchingFriction:
     @cached_property
     def frequency(self) -> np.ndarray:
         """Frequencies [Hz] at which the response is looked at, ascending, (m,)."""
-        return _frequencies(self.craft.natural_frequencies)
+        return frequencies_of_response(self.craft.natural_frequencies)
 
     @cached_property
     def _by_energy(self) -> np.ndarray:
@@ -134,7 +134,7 @@ def _whitened(mobility: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.asarray(scale[:, :, None] * (directions.conj().transpose(0, 2, 1) @ vectors))
 
 
-def _frequencies(modes: np.ndarray) -> np.ndarray:
+def frequencies_of_response(modes: np.ndarray) -> np.ndarray:
     """Frequencies [Hz] that resolve resonances by their natural frequencies and half-widths (k, 2)."""
     highest = max(_BEYOND * float(modes[:, 0].max(initial=0.0)), _LEAST_HIGHEST)
     even = np.geomspace(_LOWEST, highest, round(_PER_DECADE * math.log10(highest / _LOWEST)))
@@ -159,13 +159,17 @@ class MotorSine:
         """Largest motion of the rotor [rad] by ``forces`` on the coordinates (n, c), or at each
         frequency (m, n, c), at frequencies (m,) [Hz], in any state, (m, c).
         """
-        row = self.craft.on_rotor_of(self.wing)[:, 0][None, :]
-        return np.asarray(self.craft.extremes(frequency, forces, rows=row)[1][:, 0])
+        return np.asarray(self.craft.extremes(frequency, forces, rows=self.on[None, :])[1][:, 0])
+
+    @property
+    def on(self) -> np.ndarray:
+        """Angle of the rotor by the coordinates, (n,)."""
+        return self.craft.on_rotor_of(self.wing)[:, 0]
 
     @cached_property
     def frequency(self) -> np.ndarray:
         """Frequencies [Hz] at which the response is looked at, ascending, (m,)."""
-        return _frequencies(self.craft.natural_frequencies)
+        return frequencies_of_response(self.craft.natural_frequencies)
 
     @cached_property
     def _los(self) -> np.ndarray:

@@ -107,6 +107,8 @@ class SpringOverTurn(NamedTuple):
     motion: float
     """Largest electrical angle [rad] by which what varies moves the rotor against even motion; at
     most 0.5, beyond which the stiffness is not known."""
+    behind: float = 0.0
+    """Electrical angle [rad] of the rotor against the command, on average."""
 
 
 def spring_over_turn(scenario: Scenario) -> SpringOverTurn | None:
@@ -142,9 +144,24 @@ def _spring_over_turn(turning: _Turning) -> SpringOverTurn | None:
     series = np.fft.rfft(windings.coupling(at, True)[0]) / samples
     orders = np.arange(1, samples // 2)
     motion = float(np.abs(at.rotor - at.command - windings.behind).max())
-    return SpringOverTurn(
-        frequency, float(series[0].real), orders, series[1 : samples // 2], motion
-    )
+    mean, varying = float(series[0].real), series[1 : samples // 2]
+    return SpringOverTurn(frequency, mean, orders, varying, motion, windings.behind)
+
+
+def dynamic_stiffness_of_windings(
+    scenario: Scenario, omega: np.ndarray, *, stands: bool = False
+) -> np.ndarray:
+    """Stiffness [N m/rad] that windings with their current loop add to the motor's spring where the rotor
+    swings at ``omega`` [rad/s] of either sign, complex, (n,); of a drive that turns, or ``stands``.
+
+    Its back-EMF -K_m F (s + j omega_e) theta drives currents through the impedance Z of winding and loop:
+    K_m^2/2 (s_+/Z(s_+) + conj(s_-/Z(s_-))) with s_+- = j (omega_e +- omega), of sinusoidal flux.
+    """
+    motor, rate = scenario.motor, 0.0 if stands else float(scenario.rate or 0.0)
+    omega_e = -motor.rotor_teeth * scenario.reducer.h * rate
+    own, w = _Windings(scenario, omega_e, 0.0, 1.0, 0.0), np.asarray(omega, dtype=float)
+    with_turn, against = (1j * (omega_e + x) / own.impedance(x) for x in (w, -w))
+    return np.asarray(0.5 * motor.axis_torque_constant**2 * (with_turn + against.conj()))
 
 
 def decay_in_motion(mode: CoupledMode, scenario: Scenario) -> float:

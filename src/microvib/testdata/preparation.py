@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
+from microvib.errors import quoted_value
 from microvib.model.part import Part, Six
 from microvib.testdata.bench import Bench
 from microvib.testdata.channels import (
@@ -27,7 +28,23 @@ from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Chain, without_response
 from microvib.testdata.table_correction import TableFrf, without_table_dynamics
 from microvib.testdata.table_response import modelled_response
-from microvib.units import Quantity
+from microvib.units import Quantity, convert
+
+
+def _metres(given: Any) -> Any:
+    """Coordinate in metres of one with a unit; a bare number is in metres."""
+    if not isinstance(given, str):
+        return given
+    try:
+        return convert(given, "m")
+    except ValueError as error:
+        raise ValueError(f"{quoted_value(given)} {error}") from None
+
+
+Metres = Annotated[
+    float, BeforeValidator(_metres, json_schema_input_type=float | str), Field(allow_inf_nan=False)
+]
+"""Coordinate as the file of a bench has it, with its unit, or in metres without."""
 
 
 class Preparation(Part):
@@ -70,9 +87,10 @@ class Preparation(Part):
         default=None,
         description="frequency response of the table, which is taken out up to half of its first resonance",
     )
-    offset: tuple[float, float, float] | None = Field(
+    offset: tuple[Metres, Metres, Metres] | None = Field(
         default=None,
-        description="position of the interface point in the table's frame [m]; torques are moved there",
+        description="position of the interface point in the table's frame, in m unless units are given; torques are"
+        " moved there",
     )
     axes: tuple[str, str, str] | None = Field(
         default=None,

@@ -17,6 +17,8 @@ from microvib.units import Quantity, band, convert
 
 Text = Annotated[str, Field(max_length=2000)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
+CaseName = Annotated[Name, Field(description="name of one of the cases")]
+MetricName = Annotated[Name, Field(description="name of one of the metrics")]
 Number = str | float
 Kind = Literal["line", "order", "rms", "sliding rms", "peak", "lost steps", "first lost step"]
 COUNTS = ("lost steps", "first lost step")
@@ -175,8 +177,8 @@ class _Bounds(Part):
 class FigureComparison(Part):
     """A metric of a case is the published figure, within a factor either way."""
 
-    metric: Name
-    case: Name
+    metric: MetricName
+    case: CaseName
     value: Number = Field(description="published figure, with its unit")
     factor: Annotated[float, Quantity("", "factor that is allowed either way", gt=1)]
 
@@ -184,15 +186,15 @@ class FigureComparison(Part):
 class BoundComparison(_Bounds):
     """A metric of a case is at least, or at most, some value."""
 
-    metric: Name
-    case: Name
+    metric: MetricName
+    case: CaseName
 
 
 class RatioComparison(_Bounds):
     """A metric over another one, of two cases or of one."""
 
-    metric: Name
-    case: Name
+    metric: MetricName
+    case: CaseName
     over: Name = Field(description="case that it is compared with")
     over_metric: str = Field(default="", description="metric there; without it the same")
 
@@ -200,8 +202,10 @@ class RatioComparison(_Bounds):
 class TrendComparison(Part):
     """A metric rises, falls or stays level from case to case."""
 
-    metric: Name
-    cases: tuple[Name, ...] = Field(min_length=2, max_length=100)
+    metric: MetricName
+    cases: tuple[Name, ...] = Field(
+        description="names of two or more cases", min_length=2, max_length=100
+    )
     direction: Direction = Field(description="rises, falls or level")
     within: (
         Annotated[float, Quantity("", "largest over smallest, less 1, of what is level", gt=0)]
@@ -216,8 +220,10 @@ class TrendComparison(Part):
 class RankingComparison(Part):
     """Cases by a metric, the smallest first; or one case that is smaller than all the others."""
 
-    metric: Name
-    cases: tuple[Name, ...] = Field(min_length=2, max_length=100)
+    metric: MetricName
+    cases: tuple[Name, ...] = Field(
+        description="names of two or more cases", min_length=2, max_length=100
+    )
     first_only: bool = Field(
         default=False, description="whether only the first case is compared with the others"
     )
@@ -226,16 +232,20 @@ class RankingComparison(Part):
 class ExceedsComparison(Part):
     """Each of some metrics of a case is larger than each of others."""
 
-    case: Name
-    metrics: tuple[Name, ...] = Field(min_length=1, max_length=100)
-    others: tuple[Name, ...] = Field(min_length=1, max_length=100)
+    case: CaseName
+    metrics: tuple[Name, ...] = Field(
+        description="names of metrics that are larger", min_length=1, max_length=100
+    )
+    others: tuple[Name, ...] = Field(
+        description="names of those that they exceed", min_length=1, max_length=100
+    )
     by: Annotated[float, Quantity("", "factor by which they are larger", gt=0)]
 
 
 class OnsetComparison(Part):
     """A count, as of lost steps, is 0 in one case and not in another."""
 
-    metric: Name
+    metric: MetricName
     none: Name = Field(description="case in which it is 0")
     some: Name = Field(description="case in which it is not")
 

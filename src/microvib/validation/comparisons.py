@@ -104,7 +104,9 @@ def _figure(figure: FigureComparison, metrics: Mapping[str, Metric], where: str)
     unit = metrics[figure.metric].unit
     published = _number(figure.value, unit, f"{where}.value")
     if not published > 0.0:
-        raise ScenarioError(f"{where}.value: must be greater than 0")
+        raise ScenarioError(
+            f"{where}.value: {figure.value!r} is not allowed; it must be greater than 0 {unit}".rstrip()
+        )
     key = figure.case, figure.metric
     return Bar(
         lambda of: of[key],
@@ -118,8 +120,12 @@ def _figure(figure: FigureComparison, metrics: Mapping[str, Metric], where: str)
 
 def _ratio(ratio: RatioComparison, metrics: Mapping[str, Metric], where: str) -> Bar:
     first, second = (ratio.case, ratio.metric), (ratio.over, ratio.over_metric or ratio.metric)
-    if metrics[first[1]].unit != metrics[second[1]].unit:
-        raise ScenarioError(f"{where}: the two metrics have different units")
+    units = metrics[first[1]].unit, metrics[second[1]].unit
+    if units[0] != units[1]:
+        raise ScenarioError(
+            f"{where}.over_metric: '{second[1]}' is in {units[1] or 'no unit'} and '{first[1]}' in"
+            f" {units[0] or 'no unit'}; two metrics of one unit are expected"
+        )
     low, high = _ends(ratio.at_least, ratio.at_most, "", where)
     return Bar(lambda of: quotient(of[first], of[second]), "", low, high, _words(low, high, ""))
 

@@ -27,6 +27,7 @@ from microvib.validation.assumptions import (
     initial_calibration,
 )
 from microvib.validation.claims import Claim, claims_of, line_names, power_on_states
+from microvib.validation.kept_figures import ANOTHER
 from microvib.validation.published import PublishedTest
 
 Rows = Sequence[Mapping[str, str]]
@@ -141,8 +142,7 @@ def extend_table(
         rows = []
     if rows and list(rows[0]) != columns:
         raise OutputError(
-            f"{path}: is not a table of draws of this test; nothing was written; choose another"
-            " file"
+            f"{path}: is not a table of draws of the test '{test.title}'; nothing was written; {ANOTHER}"
         )
     lacking = sorted(set(range(draws + 1)) - {int(row["draw"]) for row in rows})
     total = len(rows) + len(lacking)
@@ -151,6 +151,7 @@ def extend_table(
     for number in lacking:
         made = row_of(test, number, seeds)
         rows.append({name: _cell(made.get(name, "")) for name in columns})
+        rows.sort(key=lambda row: int(row["draw"]))
         cells = ([row[name] for name in columns] for row in rows)
         write_file(path, rows_csv(columns, cells), overwrite=True)
         if progress:

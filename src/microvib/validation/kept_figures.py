@@ -33,6 +33,8 @@ CENTRAL_TOLERANCE = 1e-3
 """Part by which the figures of the kept central draw may differ from those of today."""
 WORDS = ("test", "failed")
 """Columns of words."""
+ANOTHER = "choose another file, or the test that the table is of"
+"""Remedy where a table of draws is none of the test's."""
 LOSS_OF_SYNCHRONISM = "loss of synchronism"
 
 
@@ -127,7 +129,7 @@ def extend_figures(
         rows = dict_rows(path, columns, OutputError, ignored=".*")
         problem = _problem(drive.test, head, rows)
         if problem:
-            raise OutputError(f"{path}: {problem}; nothing was written; choose another file")
+            raise OutputError(f"{path}: {problem}; nothing was written; {ANOTHER}")
     each = [drive.central_values(), *drive.drawn_values(draws)]
     lacking = sorted(set(range(draws + 1)) - {int(row["draw"]) for row in rows})
     total = len(rows) + len(lacking)
@@ -137,6 +139,7 @@ def extend_figures(
         with error_context(f"draw {number}"):
             found = figures_under(drive, each[number], drive.test.needs)
         rows.append(_row(drive.test, number, each[number], found))
+        rows.sort(key=lambda row: int(row["draw"]))
         cells = ([row[name] for name in columns] for row in rows)
         write_file(path, rows_csv(columns, cells), overwrite=True)
         if progress:
@@ -156,7 +159,7 @@ def _problem(test: CasesTest, head: Sequence[Sequence[str]], rows: list[Row]) ->
     """Reason why a table of draws, with so many first lines, cannot be used; empty where it can."""
     columns = columns_of(test)
     if any(list(line) != columns for line in head):
-        return "is not a table of draws of this test"
+        return f"is not a table of draws of the test '{test.title}'"
     if any(row["test"] != digest_of(test) for row in rows):
         return "has draws of another version of the test's file"
     for k, row in enumerate(rows, 2):

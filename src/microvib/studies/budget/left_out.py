@@ -51,7 +51,7 @@ def _left_out(one: Contribution) -> Iterator[str]:
     if one.errors:
         yield f"its error without lines ({one.how})"
     if one.side is not None and _varying_springs_make(one.side):
-        yield "side lines that the varying spring of a drive makes of it"
+        yield "side lines that varying elements of a drive make of it"
     if one.side is not None and any(
         np.max(beside.most) > _NEGLIGIBLE * np.abs(one.los).max(initial=0.0)
         for beside in one.side.anywhere

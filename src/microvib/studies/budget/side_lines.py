@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -20,8 +22,19 @@ from microvib.model.drive_states import (
 from microvib.model.friction import Friction
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.model.side_lines import SideResponse, VaryingDrive, unknown_drives, varying_drives
-from microvib.model.switching_friction import MotorSine, SwitchingFriction, motor_sines
+from microvib.model.side_lines import (
+    SideResponse,
+    VaryingDrive,
+    rests_of_drives,
+    unknown_drives,
+    varying_drives,
+)
+from microvib.model.switching_friction import (
+    MotorSine,
+    SwitchingFriction,
+    frequencies_of_response,
+    motor_sines,
+)
 from microvib.signals.pointing import Metric, mean_square_of_lines, windowed_amplitudes
 from microvib.studies.budget.files import Requirement
 from microvib.units import within_band
@@ -44,7 +57,7 @@ _NEAR = np.sinh(np.linspace(-4.0, 4.0, 41))
 _MAIN = 12
 """Orders about whose resonances a density is refined."""
 _UNBOUNDED = (
-    "what the varying spring of a drive makes of the density at other frequencies has no bound"
+    "what varying elements of a drive make of the density at other frequencies has no bound"
 )
 _LARGEST_SWING = 0.35
 """Electrical angle [rad] by which loads may move a rotor and be taken for small: beyond, the sine of the
@@ -54,6 +67,11 @@ _LARGEST_RATE = 0.2
 may turn it back within its own steps, and friction makes other lines of them. Assumed."""
 _PEAKS = 4.0
 """Deviations of noise that count as its largest values."""
+_RATES = 33
+"""Rates at which the slope of a friction is taken."""
+_MARGIN = 1.25
+"""By how much motion may be larger than the linearised drives make it; assumed, as of friction that
+sticks (``model.switching_friction``)."""
 _LEAST_SHARE = 1e-4
 """Part of a linear line below which what comes beside it at its own frequency is left out."""
 
@@ -135,10 +153,17 @@ class SideLines:
     """Largest amplitudes [rad], (j, m, 2); infinite where nothing bounds them."""
     density: tuple[np.ndarray, np.ndarray] | None = None
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz] at most."""
+    beside: tuple[np.ndarray, np.ndarray] | None = None
+    """Densities of what comes at most beside the linear response at its own frequencies, as ``density``;
+    it may take off as much."""
     unknown: tuple[str, ...] = ()
     """Why nothing is known, a sentence each."""
     anywhere: tuple[Anywhere, ...] = ()
     """Motion of which it is known how large it is, but not where."""
+    unbounded: tuple[str, ...] = ()
+    """Why infinite amplitudes have no bound, in words."""
+    shafts: tuple[MovedShaft, ...] = ()
+    """How far and fast the lines and densities that they come from move the shafts of the drives."""
 
     def worst(self, r: Requirement) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (j,) [Hz] and amplitudes (j, 2) [rad] that cost a requirement most."""
@@ -155,6 +180,11 @@ class SideLines:
             rise = np.sqrt(np.maximum(largest / cost[each, at], 1.0))
         rise = np.where(np.isfinite(rise), rise, 1.0)
         return self.frequency[each, at], found * rise[:, None]
+
+    @property
+    def at_source(self) -> np.ndarray:
+        """Whether lines are of the frequency of those that they come from, (j,)."""
+        return np.all(self.source == self.frequency, axis=1)
 
     def _cost(self, r: Requirement, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean squares that lines make (j, m), and the most between these (j,)."""
@@ -188,8 +218,11 @@ class SideLines:
             np.concatenate([one.frequency for one in parts]),
             np.concatenate([one.most for one in parts]),
             _sum_of_densities(densities),
+            _sum_of_densities([x.beside for x in (self, other) if x.beside is not None]),
             tuple(dict.fromkeys((*self.unknown, *other.unknown))),
             (*self.anywhere, *other.anywhere),
+            tuple(dict.fromkeys((*self.unbounded, *other.unbounded))),
+            (*self.shafts, *other.shafts),
         )
 
     def _padded(self, other: SideLines) -> SideLines:
@@ -208,10 +241,17 @@ class SideLines:
     def times(self, factor: np.ndarray | float) -> SideLines:
         """With amplitudes times a factor, of all or of each line, (j,)."""
         of_density = float(np.max(factor, initial=1.0)) ** 2
-        density = self.density and (self.density[0], self.density[1] * of_density)
+        density, beside = (x and (x[0], x[1] * of_density) for x in (self.density, self.beside))
         each = np.broadcast_to(factor, (len(self.most),))[:, None, None]
-        anywhere = tuple(one.times(math.sqrt(of_density)) for one in self.anywhere)
-        return replace(self, most=self.most * each, density=density, anywhere=anywhere)
+        root = math.sqrt(of_density)
+        return replace(
+            self,
+            most=self.most * each,
+            density=density,
+            beside=beside,
+            anywhere=tuple(one.times(root) for one in self.anywhere),
+            shafts=tuple(one.times(root) for one in self.shafts),
+        )
 
 
 def _sum_of_densities(
@@ -244,6 +284,12 @@ class Shaft:
     """Whether dry friction acts on it."""
     slowest: float = math.inf
     """Rate [rad/s] below which it is at no time without the loads; infinite where nobody looked."""
+    wing: int = 0
+    """0 the first drive's, 1 that of the second wing's."""
+    sine: MotorSine | None = None
+    """Torque of the motor on it."""
+    friction: Friction | None = None
+    """Friction whose slope changes with its rate, while it always slides."""
 
     def motion(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Largest motion [rad] by ``forces`` on the coordinates (n, c), or at each frequency (m, n, c),
@@ -251,21 +297,121 @@ class Shaft:
         """
         return self.craft.extremes(frequency, forces, rows=self.on[None, :])[1][:, 0]
 
-    def reason(self, motion: float, speed: float) -> str:
+    def beside(self, motion: float, speed: float, *, several: bool) -> Iterator[Anywhere]:
+        """Motion that comes beside the linear response to loads of all sources, which move it so far [rad]
+        and fast [rad/s], at frequencies that are not known.
+
+        What the sine of its motor makes of each source is bounded there; of ``several`` together it is
+        more.
+        """
+        if several and self.sine is not None:
+            yield Anywhere(_OF_MOTOR, self.sine.frequency, self.sine.los(motion, motion))
+        torque = 0.5 * self._change_of_slope(speed) * speed
+        if torque > 0.0:
+            yield Anywhere(_OF_SLOPE, self._frequency, _MARGIN * torque * self._los)
+
+    def _change_of_slope(self, speed: float) -> float:
+        """Change of the slope of its friction by a change of its rate [N m s/rad], at most."""
+        if self.friction is None:
+            return 0.0
+        slowest = min(self.slowest, self.rate)
+        least = min(1e-3 * self.rate, slowest)
+        rates = np.linspace(slowest, 2.0 * self.rate - slowest, _RATES)
+        slopes, *others = (
+            np.array([self.friction.slope(max(x, least)) for x in (rates + part * speed).tolist()])
+            for part in (0.0, -1.0, -0.5, 0.5, 1.0)
+        )
+        return float(np.max(np.abs(np.array(others) - slopes)))
+
+    @cached_property
+    def _frequency(self) -> np.ndarray:
+        return frequencies_of_response(self.craft.natural_frequencies)
+
+    @cached_property
+    def _los(self) -> np.ndarray:
+        """Largest line of sight at each frequency by 1 N m on it, (m, 2)."""
+        return np.asarray(self.craft.extremes(self._frequency, self.on[:, None])[1][:, :, 0])
+
+    def reason(self, motion: float, speed: float, whose: str = "its loads") -> str:
         """Reason why the response to loads that move it so far [rad] and fast [rad/s] is not linear; empty
         where it is.
         """
         if self.teeth * motion > _LARGEST_SWING:
             return (
-                f"its loads may swing {self.name} by {self.teeth * motion:.2g} rad of the electrical"
+                f"{whose} may swing {self.name} by {self.teeth * motion:.2g} rad of the electrical"
                 " angle, of which the motor's torque is no linear function"
             )
         if self.rubs and speed > min(_LARGEST_RATE * self.rate, self.slowest):
             return (
-                f"its loads may change the rate of {self.name} by {speed / self.rate:.2g} times what is"
+                f"{whose} may change the rate of {self.name} by {speed / self.rate:.2g} times what is"
                 " commanded and turn it back, and what friction makes of that is not known"
             )
         return ""
+
+
+@dataclass(frozen=True)
+class Teeth(Shaft):
+    """Teeth of a gear with backlash, by its twist, that the drive's own load keeps together."""
+
+    stiffness: float = 0.0
+    """[N m/rad]."""
+    least: float = 0.0
+    """Torque [N m] that the gear carries at all times."""
+
+    def reason(self, motion: float, speed: float, whose: str = "its loads") -> str:
+        """Reason as of a shaft."""
+        if self.stiffness * motion <= self.least:
+            return ""
+        return (
+            f"{whose} may part the teeth of {self.name}, and what these make of them is not known"
+            " (reducer.backlash: 0, or more friction on the output)"
+        )
+
+
+@dataclass(frozen=True)
+class MovedShaft:
+    """How far and fast the loads of a source move a shaft at most."""
+
+    shaft: Shaft
+    motion: float
+    """[rad]."""
+    speed: float
+    """[rad/s]."""
+
+    def times(self, factor: float) -> MovedShaft:
+        """With motion times a factor."""
+        return MovedShaft(self.shaft, factor * self.motion, factor * self.speed)
+
+
+def _by_shaft(sides: Sequence[SideLines | None]) -> Iterator[tuple[list[MovedShaft], MovedShaft]]:
+    """Each shaft as the sources move it, and as all of them together do."""
+    by_name: dict[str, list[MovedShaft]] = {}
+    for side in sides:
+        for one in () if side is None else side.shafts:
+            by_name.setdefault(one.shaft.name, []).append(one)
+    for each in by_name.values():
+        motion, speed = math.fsum(x.motion for x in each), math.fsum(x.speed for x in each)
+        yield each, MovedShaft(each[0].shaft, motion, speed)
+
+
+def reasons_together(sides: Sequence[SideLines | None]) -> tuple[str, ...]:
+    """Why the response to the loads of all sources together is not linear, though that to each is, a
+    sentence each; empty where it is.
+    """
+    found = []
+    for each, total in _by_shaft(sides):
+        if any(one.shaft.reason(one.motion, one.speed) for one in each):
+            continue
+        found.append(total.shaft.reason(total.motion, total.speed, "all sources together"))
+    return tuple(why for why in found if why)
+
+
+def anywhere_together(sides: Sequence[SideLines | None]) -> Iterator[Anywhere]:
+    """Motion that all sources together make beside the linear response, at frequencies that are not
+    known.
+    """
+    for each, total in _by_shaft(sides):
+        yield from total.shaft.beside(total.motion, total.speed, several=len(each) > 1)
 
 
 def _slowest(sticks: bool, rate: float) -> float:
@@ -274,29 +420,54 @@ def _slowest(sticks: bool, rate: float) -> float:
 
 
 def shafts_of(
-    scenario: Scenario, craft: DriveStates, sticking: tuple[Sticking, Sticking]
+    scenario: Scenario,
+    craft: DriveStates,
+    sticking: tuple[Sticking, Sticking],
+    second: Scenario | None = None,
+    names: tuple[str, str] = ("", " of the second wing"),
 ) -> list[Shaft]:
-    """Shafts of the drives of a craft that turn at a constant rate."""
-    names = {0: "", 1: " of the second wing"}
-    found = []
-    for wing, drive in enumerate([scenario, scenario.driven_wing]):
+    """Shafts of the drives of a craft that turn at a constant rate; ``second`` is how the drive of the
+    second wing steps, whatever the scenario says, and ``names`` tell their wings.
+    """
+    sines = {one.wing: one for one in motor_sines(scenario, craft, second)}
+    found: list[Shaft] = []
+    for wing, drive in enumerate([scenario, second or scenario.driven_wing]):
         if drive is None or not drive.rate:
             continue
         rotor, output = (
             on[:, 0] for on in (craft.on_rotor_of(wing), craft.on_output_of(wing, drive))
         )
-        rate, motor, stick = abs(drive.rate), drive.motor, sticking[wing]
+        rate, motor, stick, name = abs(drive.rate), drive.motor, sticking[wing], names[wing]
         found += [
             Shaft(
-                craft, rotor, f"the rotor{names[wing]}", rate * drive.reducer.ratio, motor.rotor_teeth,
-                _rubs(motor.friction), _slowest(stick.rotor, stick.slowest_rotor),
+                craft, rotor, f"the rotor{name}", rate * drive.reducer.ratio, motor.rotor_teeth,
+                _rubs(motor.friction), _slowest(stick.rotor, stick.slowest_rotor), wing, sines[wing],
+                _curved(motor.friction, stick.rotor),
             ),
             Shaft(
-                craft, output, f"the output{names[wing]}", rate, 0, _rubs(drive.friction),
-                _slowest(stick.output, stick.slowest_output),
+                craft, output, f"the output{name}", rate, 0, _rubs(drive.friction),
+                _slowest(stick.output, stick.slowest_output), wing, None,
+                _curved(drive.friction, stick.output),
             ),
         ]  # fmt: skip
+        reducer, least = (
+            drive.reducer,
+            0.0 if stick.rates is None else stick.rates.least_gear_torque,
+        )
+        if reducer.backlash and least > 0.0:
+            twist = -rotor / reducer.h - output
+            found.append(
+                Teeth(
+                    craft, twist, f"the gear{name}", rate, 0, rubs=False, wing=wing,
+                    stiffness=float(reducer.stiffness), least=least,
+                )
+            )  # fmt: skip
     return found
+
+
+def _curved(friction: Friction, sticks: bool) -> Friction | None:
+    """Friction of a shaft that always slides, where its slope changes with the rate."""
+    return None if sticks or friction.stribeck_torque == 0.0 else friction
 
 
 def _rubs(friction: Friction) -> bool:
@@ -324,6 +495,10 @@ _OF_FALLING_FRICTION = (
     " (record.start: steady; finer microsteps, microstep_ramp or a faster rate, with which shafts slide"
     " at all times)"
 )
+_OF_SLOPE = (
+    "the slope of friction changes with the rate, which loads change, and makes lines of them at"
+    " frequencies that are not known"
+)
 _OF_MOTOR = (
     "the motor's torque is a sine of its angle and makes lines of these loads at frequencies that are"
     " not known"
@@ -341,54 +516,74 @@ def _with_anywhere(lines: SideLines | None, anywhere: Sequence[Anywhere]) -> Sid
     return replace(lines, anywhere=(*lines.anywhere, *counts))
 
 
-def _with_reasons(lines: SideLines | None, reasons: tuple[str, ...]) -> SideLines | None:
-    """Side lines with further sentences on what is not known."""
-    if not reasons:
-        return lines
-    if lines is None:
-        none = np.zeros((0, 1))
-        return SideLines(none, none, np.zeros((0, 1, 2)), unknown=reasons)
-    return replace(lines, unknown=(*lines.unknown, *reasons))
-
-
+_NEARLY_DOUBLES = (
+    "the drive is near a doubling of its period, and loads may send it to another motion (finer"
+    " microsteps, microstep_ramp or another rate)"
+)
 _FED_BY_FRICTION = (
     "friction that falls with the rate may feed a mode of the craft while a shaft is slow (finer"
     " microsteps, microstep_ramp or a faster rate)"
 )
 
 
-def _unknown_of(scenario: Scenario, craft: DriveStates) -> tuple[str, ...]:
-    """Why it is not known what drives make of other sources, a sentence each."""
-    found = tuple(unknown_drives(scenario))
-    if craft.feeds_a_mode:
-        return (*found, _FED_BY_FRICTION)
-    return found
+class _OfWing(Protocol):
+    """Something of the drive of a wing, by its number."""
+
+    @property
+    def wing(self) -> int:
+        """0 the first drive, 1 that of the second wing."""
+        ...
+
+
+_Of = TypeVar("_Of", bound=_OfWing)
+
+
+def _of_wings(wings: Sequence[int], each: Sequence[_Of]) -> list[_Of]:
+    """Parts that belong to the drives of some wings."""
+    return [one for one in each if one.wing in wings]
 
 
 class TurningDrives:
-    """Drives of a craft that turn and whose springs vary: what they make of lines and densities."""
+    """Drives of a craft that turn and of which something varies: what they make of lines and densities."""
 
     def __init__(
         self,
         scenario: Scenario,
         sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
-        drives: Sequence[VaryingDrive] | None = None,
-        craft: DriveStates | None = None,
-        sines: Sequence[MotorSine] = (),
+        *,
+        second: Scenario | None = None,
+        second_name: str = " of the second wing",
         friction: DriveStates | None = None,
     ) -> None:
-        """Drives of a ``scenario``, of which ``sticking`` tells the shafts that may stick, or others
-        that are given with their craft and the ``sines`` of their motors; ``friction`` is the craft with
-        the frictions that sources act on, where that is another.
+        """Drives of a ``scenario``, of which ``sticking`` tells the shafts that may stick; or the second
+        drive alone, where ``second`` tells how that steps, with the name of its wing. ``friction`` is the
+        craft with the frictions that sources act on, where that is another.
         """
         self.scenario = scenario
-        self.craft = craft_of_drives(scenario, sticking) if craft is None else craft
-        self.drives = varying_drives(scenario, self.craft) if drives is None else list(drives)
-        self.unknown = _unknown_of(scenario, self.craft) if drives is None else ()
-        self.shafts = shafts_of(scenario, self.craft, sticking) if drives is None else []
+        alone, names = second is not None, ("", second_name)
+        self.craft = craft_of_drives(scenario, sticking, second, own=not alone)
+        given = scenario, self.craft, second, sticking
+
+        wings = (1,) if alone else (0, 1)
+        self.drives = _of_wings(wings, varying_drives(*given))
+        self.sines = _of_wings(wings, motor_sines(scenario, self.craft, second))
+        self.shafts = _of_wings(wings, shafts_of(scenario, self.craft, sticking, second, names))
+        rests = _of_wings(wings, rests_of_drives(*given))
+        self.rests = [one for one in rests if one.bounded]
+        self.unknown = (
+            *(why for wing, why in unknown_drives(scenario, sticking, second) if wing in wings),
+            *((_FED_BY_FRICTION,) if self.craft.feeds_a_mode else ()),
+            *(one.rest.why for one in rests if not one.bounded),
+            *(_NEARLY_DOUBLES for one in self.drives if one.nearly_doubles),
+        )
         self.friction = SwitchingFriction(self.craft if friction is None else friction)
-        self.sines = motor_sines(scenario, self.craft) if drives is None else list(sines)
         self._last: dict[int, tuple[np.ndarray, SideResponse]] = {}
+
+    @property
+    def acts(self) -> bool:
+        """Whether anything is, or may be, made of loads."""
+        each = self.drives, self.rests, self.sines, self.unknown, self.friction.switches
+        return any(map(bool, each))
 
     def norm(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Norm of lines at frequencies (m,) [Hz] by ``forces`` on the coordinates (n, c), or at each
@@ -399,10 +594,15 @@ class TurningDrives:
         return np.asarray(self.friction.norm_of_forces(frequency, forces).sum(axis=1))
 
     def anywhere(
-        self, norm: float, swings: Sequence[float], peaks: Sequence[float]
+        self,
+        norm: float,
+        swings: Sequence[float],
+        peaks: Sequence[float],
+        torques: Sequence[float],
     ) -> tuple[Anywhere, ...]:
-        """Motion that friction which sticks makes of loads of a ``norm``, and the sine of each motor of loads that
-        swing its rotor by root mean squares ``swings`` and ``peaks`` [rad] at most.
+        """Motion that friction which sticks makes of loads of a ``norm``, the sine of each motor of loads that
+        swing its rotor by root mean squares ``swings`` and ``peaks`` [rad] at most, and each rest by
+        amplitudes of its torque [N m].
         """
         found = []
         if norm > 0.0:
@@ -414,6 +614,8 @@ class TurningDrives:
         for one, swing, peak in zip(self.sines, swings, peaks, strict=True):
             crest = peak / max(swing, 1e-300)
             found.append(Anywhere(_OF_MOTOR, one.frequency, one.los(swing, peak), crest))
+        for rest, torque in zip(self.rests, torques, strict=True):
+            found.append(Anywhere(rest.rest.why, rest.frequency, rest.los(torque)))
         return tuple(found)
 
     def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:
@@ -423,7 +625,7 @@ class TurningDrives:
         found = self._of(self._spread(frequency), self._on(frequency, forces))
         motions = [one.motion(frequency, forces).sum(axis=1) for one in self.shafts]
         speeds = [2.0 * np.pi * frequency * u for u in motions]
-        found = _with_reasons(found, self._too_strong(_sums(motions), _sums(speeds)))
+        found = self._with_shafts(found, _sums(motions), _sums(speeds))
         return _with_anywhere(found, self._of_all_lines(frequency, forces))
 
     def _of_all_lines(self, frequency: np.ndarray, forces: np.ndarray) -> tuple[Anywhere, ...]:
@@ -433,36 +635,61 @@ class TurningDrives:
         norms = self.norm(at.ravel(), each).reshape(at.shape).max(axis=1, initial=0.0)
         swings = [one.motion(frequency, forces).sum(axis=1) for one in self.sines]
         peaks = [float(np.sum(u)) for u in swings]
+        torques = [
+            float(one.torque(at.ravel(), one.motion(at.ravel(), each)).sum(axis=1).reshape(at.shape).max(axis=1, initial=0.0).sum())
+            for one in self.rests
+        ]  # fmt: skip
         # lines of one frequency may be of one phase: no more than the sum of amplitudes
-        return self.anywhere(float(np.sum(norms)), peaks, peaks)
+        return self.anywhere(float(np.sum(norms)), peaks, peaks, torques)
 
-    def _too_strong(self, motions: Sequence[float], speeds: Sequence[float]) -> tuple[str, ...]:
-        """Why the response to loads that move the shafts so far [rad] and fast [rad/s] is not linear, a
-        sentence each; empty where it is.
+    def _with_shafts(
+        self, lines: SideLines | None, motions: Sequence[float], speeds: Sequence[float]
+    ) -> SideLines | None:
+        """Side lines of loads that move the shafts so far [rad] and fast [rad/s], with why the response to
+        them is not linear, where it is not.
         """
-        each = zip(self.shafts, motions, speeds, strict=True)
-        return tuple(why for one, u, v in each if (why := one.reason(u, v)))
+        moved = tuple(
+            MovedShaft(one, u, v)
+            for one, u, v in zip(self.shafts, motions, speeds, strict=True)
+            if u > 0.0
+        )
+        if not moved:
+            return lines
+        none = np.zeros((0, 1))
+        found = lines or SideLines(none, none, np.zeros((0, 1, 2)))
+        reasons = [one.shaft.reason(one.motion, one.speed) for one in moved]
+        unknown = (*found.unknown, *(why for why in reasons if why))
+        return replace(found, unknown=unknown, shafts=moved)
 
     def _spread(self, frequency: np.ndarray) -> np.ndarray:
         """Frequencies that lines (k,) may have, (k, m)."""
         return np.asarray(frequency[:, None] * (1.0 + CLOCK_UNCERTAINTY * _OFFSETS))
 
     def _on(self, frequency: np.ndarray, forces: np.ndarray) -> list[np.ndarray]:
-        """Motion of each drive's rotor (k, m) by forces (k, n, c)."""
+        """Motion of each drive in its directions (r, k, m) by forces (k, n, c)."""
         at = self._spread(frequency)
         each = np.repeat(forces, at.shape[1], axis=0)
-        return [
-            one.rotor_motion(at.ravel(), each).sum(axis=1).reshape(at.shape) for one in self.drives
-        ]
+        moved = [one.motion(at.ravel(), each).sum(axis=2).T for one in self.drives]
+        return [u.reshape(-1, *at.shape) for u in moved]
 
-    def of_rotor_motion(
-        self, frequency: np.ndarray, motion: np.ndarray, norm: float
+    def of_motion(
+        self,
+        frequency: np.ndarray,
+        motion: Callable[[np.ndarray], np.ndarray],
+        norm: float,
     ) -> SideLines | None:
-        """Side lines of lines (k,) [Hz] that move each drive's rotor by (k,) [rad], and have a ``norm``."""
+        """Side lines of lines (k,) [Hz] that have a ``norm`` and move what is along rows (r, n) of the
+        coordinates by ``motion`` (r, k) [rad].
+        """
         at = self._spread(frequency)
-        found = self._of(at, [np.broadcast_to(motion[:, None], at.shape) for _ in self.drives])
-        peaks = [float(np.sum(motion)) for _ in self.sines]
-        return _with_anywhere(found, self.anywhere(norm, peaks, peaks))
+        moved = [motion(one.on) for one in self.drives]
+        found = self._of(at, [np.repeat(u[:, :, None], at.shape[1], axis=2) for u in moved])
+        shafts = [motion(one.on[None, :])[0] for one in self.shafts]
+        speeds = [2.0 * np.pi * frequency * u for u in shafts]
+        found = self._with_shafts(found, _sums(shafts), _sums(speeds))
+        swings = [float(np.sum(motion(one.on[None, :]))) for one in self.sines]
+        torques = [float(np.sum(one.torque(frequency, motion(one.on[None, :])[0]))) for one in self.rests]  # fmt: skip
+        return _with_anywhere(found, self.anywhere(norm, swings, swings, torques))
 
     def of_sweep(
         self,
@@ -471,25 +698,25 @@ class TurningDrives:
         shafts: Sequence[np.ndarray],
         anywhere: tuple[Anywhere, ...] = (),
     ) -> SideLines | None:
-        """Side lines of lines that pass a grid (m,) [Hz], and move each drive's rotor by (o, m)
-        [rad], and its shafts; without what comes beside them at their own frequencies (``beside``),
+        """Side lines of lines that pass a grid (m,) [Hz], and move each drive in its directions by (r, o,
+        m) [rad], and its shafts; without what comes beside them at their own frequencies (``beside``),
         and with what is found ``anywhere``.
         """
         furthest = [float(u.max(axis=1).sum()) for u in shafts]
         fastest = [float((2.0 * np.pi * grid * u).max(axis=1).sum()) for u in shafts]
-        reasons = self._too_strong(furthest, fastest)
         if motions:
-            lines = self._of(np.tile(grid, (len(motions[0]), 1)), list(motions), own=False)
+            lines = self._of(np.tile(grid, (motions[0].shape[1], 1)), list(motions), own=False)
         else:
             lines = self._of(np.zeros((0, grid.size)), [])
-        return _with_anywhere(_with_reasons(lines, reasons), anywhere)
+        return _with_anywhere(self._with_shafts(lines, furthest, fastest), anywhere)
 
     def beside(self, grid: np.ndarray, motions: Sequence[np.ndarray]) -> np.ndarray:
         """Amplitudes that come at most beside the linear response at their own frequencies, (o, m, 2) [rad]."""
-        found = np.zeros((len(motions[0]), grid.size, 2))
+        found = np.zeros((motions[0].shape[1], grid.size, 2))
         for one, u in zip(self.drives, motions, strict=True):
             response = self._response(one, grid)
-            found += response.los[response.orders == 0][0] * u[:, :, None]
+            of_own = response.los[:, response.orders == 0][:, 0]
+            found += np.einsum("rmx,rom->omx", of_own, u)
         return found
 
     def _response(self, one: VaryingDrive, frequency: np.ndarray) -> SideResponse:
@@ -511,18 +738,24 @@ class TurningDrives:
             response = self._response(one, each)
             kept = np.ones(response.orders.size, dtype=bool) if own else response.orders != 0
             count = int(kept.sum())
-            with np.errstate(invalid="ignore"):
-                los = response.los[kept][:, back].reshape(count, k, m, 2) * u[None, :, :, None]
-            moved = response.frequency[kept][:, back].reshape(count, k, m)
-            source = np.broadcast_to(at, moved.shape)
+            los = np.zeros((count, k, m, 2))
+            for by, moved in zip(response.los[:, kept], u, strict=True):
+                with np.errstate(invalid="ignore"):
+                    los += by[:, back].reshape(count, k, m, 2) * moved[None, :, :, None]
+            at_most = np.nan_to_num(los, nan=math.inf, posinf=math.inf)
+            at_side = response.frequency[kept][:, back].reshape(count, k, m)
+            source = np.broadcast_to(at, at_side.shape)
             shape = (count * k, m)
-            lines = SideLines(
-                source.reshape(shape), moved.reshape(shape), np.nan_to_num(los, posinf=math.inf).reshape(*shape, 2)
-            )  # fmt: skip
+            lines = SideLines(source.reshape(shape), at_side.reshape(shape), at_most.reshape(*shape, 2))  # fmt: skip
             found = found.joined(lines)
         if not found.unknown and not found.frequency.size:
             return None
-        return found
+        return replace(found, unbounded=self._unbounded)
+
+    @property
+    def _unbounded(self) -> tuple[str, ...]:
+        """Why what drives make has no bound, each once."""
+        return tuple(dict.fromkeys(why for one in self.drives if (why := one.unbounded)))
 
     def of_density(
         self, f: np.ndarray, S: np.ndarray, forces: np.ndarray, linear: np.ndarray
@@ -533,18 +766,21 @@ class TurningDrives:
         moved = [one.motion(f, forces) * np.sqrt(S) for one in self.shafts]
         squares = [np.sum(u, axis=1) ** 2 for u in moved]
         speeds = [(2.0 * np.pi * f) ** 2 * u for u in squares]
-        reasons = self._too_strong(_peaks_of(f, squares), _peaks_of(f, speeds))
+        strong = _peaks_of(f, squares), _peaks_of(f, speeds)
         anywhere = self._of_noise(f, S, forces)
         if not self.drives:
-            lines = _with_reasons(self._of(np.zeros((0, 1)), []), reasons)
+            lines = self._with_shafts(self._of(np.zeros((0, 1)), []), *strong)
             return _with_anywhere(lines, anywhere)
         parts = [x for one in self.drives for x in self._density(one, f, S, forces, linear)]
         bounded = [part for part in parts if np.all(np.isfinite(part[1]))]
-        unknown = self.unknown if len(bounded) == len(parts) else (*self.unknown, _UNBOUNDED)
+        unknown = self.unknown
+        if len(bounded) < len(parts):
+            unknown = (*unknown, "; ".join((_UNBOUNDED, *self._unbounded)))
         none = np.zeros((0, 1))
         density = _sum_of_densities(bounded)
-        found = SideLines(none, none, np.zeros((0, 1, 2)), density, (*unknown, *reasons))
-        return _with_anywhere(found, anywhere)
+        beside = _sum_of_densities([x for one in self.drives for x in self._beside_density(one, f, S, forces)])  # fmt: skip
+        found = SideLines(none, none, np.zeros((0, 1, 2)), density, beside, unknown)
+        return _with_anywhere(self._with_shafts(found, *strong), anywhere)
 
     def _of_noise(self, f: np.ndarray, S: np.ndarray, forces: np.ndarray) -> tuple[Anywhere, ...]:
         """Motion that friction and motors make of densities (m, c) at frequencies (m,) [Hz] of ``forces`` (n, c),
@@ -560,7 +796,11 @@ class TurningDrives:
             norm = math.sqrt(2.0 * float(np.trapezoid(of_all, grid)))  # as that of an amplitude
         squares = [np.sum(one.motion(f, forces) * size, axis=1) ** 2 for one in self.sines]
         swings = [math.sqrt(float(np.trapezoid(one, f))) for one in squares]
-        return self.anywhere(norm, swings, [_PEAKS * u for u in swings])
+        torques = [
+            math.sqrt(2.0 * float(np.trapezoid(np.sum(one.torque(f, one.motion(f, forces) * size), axis=1) ** 2, f)))
+            for one in self.rests
+        ]  # fmt: skip
+        return self.anywhere(norm, swings, [_PEAKS * u for u in swings], torques)
 
     def _density(
         self,
@@ -573,14 +813,16 @@ class TurningDrives:
         grid = self._grid(one, f)
         given = np.array([np.interp(grid, f, column) for column in S.T]).T
         own = _on_grid(grid, f, linear)
-        moved = one.rotor_motion(grid, forces)
-        squares = np.sum(moved * np.sqrt(given), axis=1) ** 2  # of one cause they add as amplitudes
+        size = np.sqrt(given)[:, None, :]
+        moved = np.sum(
+            one.motion(grid, forces) * size, axis=2
+        )  # of one cause they add as amplitudes
         response, found = one.response(grid), []
-        for order, los in zip(response.orders.tolist(), response.los, strict=True):
+        each = response.of_motion(moved.T)
+        for order, los in zip(response.orders.tolist(), each, strict=True):
             if order == 0 and one.craft.springs:
                 continue  # a change of the spring, which its largest response over all springs has
-            with np.errstate(invalid="ignore"):
-                side = np.nan_to_num(los**2 * squares[:, None], posinf=math.inf)
+            side = los**2
             if order == 0:
                 side = side + 2.0 * np.sqrt(side * own)
             at = grid + order * response.electrical
@@ -589,6 +831,17 @@ class TurningDrives:
                     way = np.argsort(np.abs(at[part]))
                     found.append((np.abs(at[part])[way], side[part][way]))
         return found
+
+    def _beside_density(
+        self, one: VaryingDrive, f: np.ndarray, S: np.ndarray, forces: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Density that comes at most beside the linear response at its own frequencies."""
+        if one.craft.springs:
+            return []
+        moved = np.sum(one.motion(f, forces) * np.sqrt(S)[:, None, :], axis=2)
+        response = self._response(one, f)
+        los = response.of_motion(moved.T)[response.orders == 0][0]
+        return [(f, np.nan_to_num(los**2, posinf=math.inf))]
 
     def _grid(self, one: VaryingDrive, f: np.ndarray) -> np.ndarray:
         """Frequencies [Hz] of a density that resolve resonances, where they are and where side lines

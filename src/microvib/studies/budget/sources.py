@@ -57,8 +57,6 @@ from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
-from microvib.model.side_lines import varying_drives
-from microvib.model.switching_friction import motor_sines
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import (
     BELOW_FLOOR,
@@ -501,9 +499,9 @@ def with_side_lines_of_other(
     scenario: Scenario,
     other: Scenario,
     sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
+    name: str = " of the second wing",
 ) -> Contribution:
-    """Lines and density of a drive, with what the varying spring of a second drive that steps makes
-    of them.
+    """Lines and density of a drive, with what a second drive that steps makes of them.
 
     The hub's motion by a line turns the second rotor.
 
@@ -517,12 +515,13 @@ def with_side_lines_of_other(
         Of each drive, with the other's wing held.
     sticking : pair of Sticking
         Shafts of the first drive and of the other that may stick.
+    name : str
+        Of the other's wing, in words behind its shafts.
     """
     hub, f = receiver_of(scenario), one.frequency
     moves = one.settled & (f > MIN_FREQUENCY_WITHOUT_CONTROL)
-    turning = _second_drive(scenario, other, sticking)
-    acts = turning.drives or turning.friction.switches or turning.sines
-    if not acts and not turning.unknown:
+    turning = _second_drive(scenario, other, sticking, name)
+    if not turning.acts:
         return one
     assert hub.second is not None
     assert hub.second_root is not None
@@ -531,39 +530,45 @@ def with_side_lines_of_other(
     there = -((2.0 * np.pi * at[:, None]) ** 2) * (
         np.einsum("mnk,mk->mn", hub.moved(at), loads) @ hub.second_root.T
     )
-    coordinates = hub.second.coordinates_by_acceleration(at, there)
-    rotor, norm = np.abs(coordinates[:, 0]), 0.0
+    coordinates, norm = hub.second.coordinates_by_acceleration(at, there), 0.0
+    width = coordinates.shape[1]
     if turning.friction.switches:
-        on = turning.friction.on[-coordinates.shape[1] :]
+        on = turning.friction.on[-width:]
         norm = float(turning.friction.norm_of_motion(at, (coordinates @ on)[:, :, None]).sum())
-    if turning.craft.springs and turning.drives:  # as if a torque on its rotor made each line
+    torque = np.zeros(at.size)
+    if turning.craft.springs or turning.craft.dampers:  # as if a torque on its rotor made each line
         by = np.maximum(np.abs(los_per_rotor_torque(scenario, at)).max(axis=1), 1e-300)
         torque = np.abs(one.los[moves]).max(axis=1) / by
-        unit = turning.drives[0].rotor_motion(at, turning.craft.on_rotor)[:, 0]
-        rotor = np.maximum(rotor, unit * torque)
-    side = turning.of_rotor_motion(at, rotor, norm)
+
+    def motion(rows: np.ndarray) -> np.ndarray:
+        """Motion along rows (r, n) of the coordinates by each line, (r, k)."""
+        moved = np.abs(coordinates @ rows[:, -width:].T).T
+        if not torque.any():
+            return np.asarray(moved)
+        unit = turning.craft.extremes(at, turning.craft.on_rotor, rows=rows)[1][:, :, 0]
+        return np.maximum(moved, (unit * torque[:, None]).T)
+
+    side = turning.of_motion(at, motion, norm)
     if side is not None:
         one = replace(one, side=side.joined(one.side))
     return with_side_density(one, scenario, turning)
 
 
 def _second_drive(
-    scenario: Scenario, other: Scenario, sticking: tuple[Sticking, Sticking]
+    scenario: Scenario, other: Scenario, sticking: tuple[Sticking, Sticking], name: str
 ) -> TurningDrives:
-    """The second drive of a craft, ``other`` telling how it steps."""
-    craft = drive_states(scenario, own=False, steps=True, turning=False)
-    held = DriveStates(scenario, ()) if craft is None else craft
-    drives = [d for d in varying_drives(scenario, held, other) if d.wing == 1]
-    sines = [one for one in motor_sines(scenario, held, other) if one.wing == 1]
+    """The second drive of a craft, ``other`` telling how it steps, of the wing with a ``name``."""
     both = drive_states(scenario, steps=True, sticking=sticking, turning=False)
     friction = DriveStates(scenario, ()) if both is None else both
-    return TurningDrives(scenario, drives=drives, craft=held, sines=sines, friction=friction)
+    return TurningDrives(scenario, sticking, second=other, second_name=name, friction=friction)
 
 
 def with_side_density(
-    one: Contribution, scenario: Scenario, turning: TurningDrives
+    one: Contribution, scenario: Scenario, turning: TurningDrives, *, own: bool = False
 ) -> Contribution:
-    """A drive's torque noise, with what varying springs make of it at other frequencies."""
+    """A drive's torque noise, with what drives that turn make of it at other frequencies; how it moves its
+    ``own`` shafts is in its run.
+    """
     if one.density is None:
         return one
     f, linear = one.density
@@ -571,6 +576,8 @@ def with_side_density(
     side = turning.of_density(f, torque, turning.craft.on_output, linear)
     if side is None:
         return one
+    if own:
+        side = replace(side, shafts=())
     return replace(one, side=side.joined(one.side))
 
 
@@ -588,7 +595,9 @@ def with_side_lines_of_recording(recorded: Contribution, scenario: Scenario) -> 
     if side is None:
         return recorded
     off = 1.0 + np.max(recorded.relative_errors[1], initial=0.0)
-    return replace(recorded, side=side.times(off).joined(recorded.side))
+    others_shafts = tuple(one for one in side.shafts if one.shaft.wing)  # its own are in the record
+    side = replace(side, shafts=others_shafts).times(off)
+    return replace(recorded, side=side.joined(recorded.side))
 
 
 def _gaps(

@@ -324,6 +324,10 @@ class _Run(NamedTuple):
     """Which of its shafts stick at times."""
 
 
+_OF_WING = ("", " of the second wing")
+"""Names of the wings of a craft, behind those of their shafts."""
+
+
 def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -> list[_Run]:
     """Every drive simulated, those of two wings of one craft with what their springs mix."""
     results = [
@@ -345,7 +349,7 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
         )
         if contribution.density is not None:
             turning = TurningDrives(drive.scenario, (sticking[k], MAY_STICK))
-            contribution = with_side_density(contribution, drive.scenario, turning)
+            contribution = with_side_density(contribution, drive.scenario, turning, own=True)
         note = steady_state_fallback_note(result.solver)
         runs.append(_Run(contribution, lines, note, sticking[k]))
     if two:
@@ -354,7 +358,7 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
             run = runs[k]
             both = sticking[k], sticking[other]
             mixed = with_side_lines_of_other(
-                run.contribution, run.lines, wings[k], wings[other], both
+                run.contribution, run.lines, wings[k], wings[other], both, _OF_WING[other]
             )
             runs[k] = run._replace(contribution=mixed)
     return runs

@@ -40,6 +40,7 @@ from microvib.studies.budget.figures import (
     metric_bounds,
 )
 from microvib.studies.budget.files import Requirement
+from microvib.studies.budget.side_lines import anywhere_together, reasons_together
 from microvib.studies.budget.sources import Contribution, Unobserved, open_gap
 from microvib.studies.campaign.statistics import Estimate, draws_needed, quantile
 
@@ -377,11 +378,21 @@ def _bounds_about(
 ) -> tuple[float, float]:
     """The least and the most of a metric over all sources [rad]."""
     gaps = [gap for one in chosen for gap in one.gaps]
-    smallest = [one.least_density for one in chosen if one.least_density is not None]
+    smallest = [x for one in chosen if (x := _least_density(one)) is not None]
     largest, beside = None, side_densities(chosen)
     if beside or any(one.density_bounds is not None for one in chosen):
         largest = [one.most_density for one in chosen if one.most_density is not None] + beside
     return metric_bounds(requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest)
+
+
+def _least_density(one: Contribution) -> tuple[np.ndarray, np.ndarray] | None:
+    """Density of a source as small as it may be, with what drives that turn take off it."""
+    least, beside = one.least_density, None if one.side is None else one.side.beside
+    if least is None or beside is None:
+        return least
+    f, S = least
+    off = np.array([np.interp(f, beside[0], column) for column in beside[1].T]).T
+    return f, np.maximum(np.sqrt(S) - np.sqrt(off), 0.0) ** 2
 
 
 class _CaseFigures(NamedTuple):
@@ -486,7 +497,7 @@ def worst_alternative(requirement: Requirement, one: Contribution) -> Contributi
     )
 
 
-_SIDE_LINES = "side lines that the varying spring of a drive makes as it turns"
+_SIDE_LINES = "side lines that varying elements of a drive make as it turns"
 
 
 def side_line_gaps(r: Requirement, one: Contribution) -> Iterator[Unobserved]:
@@ -498,7 +509,10 @@ def side_line_gaps(r: Requirement, one: Contribution) -> Iterator[Unobserved]:
     f, most = one.side.worst(r)
     counts = most.any(axis=1)
     if counts.any():
-        yield Unobserved(_SIDE_LINES, 0.0, math.inf, f[counts], most[counts])
+        why = _SIDE_LINES
+        if not np.all(np.isfinite(most)):
+            why = "; ".join((f"{why} have no bound", *one.side.unbounded))
+        yield Unobserved(why, 0.0, math.inf, f[counts], most[counts])
 
 
 _LEVEL_OVER_PART, _ROUNDED_PART = 3.0, 1e-6
@@ -530,6 +544,10 @@ def _anywhere(r: Requirement, chosen: Sequence[Contribution]) -> _Beyond:
         if one.side is not None
         for anywhere in one.side.anywhere
     ]
+    each += [
+        (anywhere.largest(r), anywhere.crest_in(r.metric), f"all sources: {anywhere.why}")
+        for anywhere in anywhere_together([one.side for one in chosen])
+    ]
     total = math.fsum(size for size, _, _ in each)
     crest = math.fsum(size * crest for size, crest, _ in each)
     return _Beyond(total, crest, tuple(why for size, _, why in each if size > 0.1 * total))
@@ -557,17 +575,20 @@ def with_side_lines(
     r: Requirement, tones: CombinedLines, chosen: Sequence[Contribution]
 ) -> CombinedLines:
     """Lines of all sources, in the most of which side lines that may be of their frequency, or beat
-    with them, add with the worst phases.
+    with them, add with the worst phases; what comes beside a line at its own frequency may take off as
+    much of its least.
     """
-    most = tones.most.copy()
+    least, most = tones.least.copy(), tones.most.copy()
     for one in chosen:
         if one.side is None:
             continue
         f, size = one.side.worst(r)
         reach = np.maximum(tones.off[:, None] + frequency_error_bound(f), SLOW)
         near = np.abs(tones.frequency[:, None] - f) <= reach
-        most += near @ np.where(np.isfinite(size), size, 0.0)
-    return replace(tones, most=most)
+        known = np.where(np.isfinite(size), size, 0.0)
+        most += near @ known
+        least -= (near & one.side.at_source) @ known
+    return replace(tones, least=np.maximum(least, 0.0), most=most)
 
 
 def side_densities(chosen: Sequence[Contribution]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -652,6 +673,7 @@ def _with_gaps(
     """Chosen contributions with their gaps in the band and the lines that they may meet when swept."""
     highest, found = math.inf if r.highest is None else r.highest, []
     of_all = [error for one in chosen for error in one.errors]
+    together = [open_gap(why) for why in reasons_together([one.side for one in chosen])]
     for k, (one, source) in enumerate(zip(chosen, contributions, strict=True)):
         gaps = (
             *one.gaps,
@@ -659,6 +681,7 @@ def _with_gaps(
             *map(open_gap, reasons_against(r, one.errors, of_all)),
             *crossing_bounds(r, source, contributions),
             *beat_bounds(r, one, chosen[k:]),
+            *(together if one.side is not None and one.side.shafts else ()),
         )
         there = (
             gap.inside(r.lowest, highest).about(AXES[r.axis])
@@ -1029,6 +1052,8 @@ def _side_lines_in_case(
     f = np.concatenate([np.zeros(0), *(gap.frequency for gap in gaps)])
     most = np.concatenate([np.zeros((0, 2)), *(gap.most for gap in gaps)])
     if not np.all(np.isfinite(most)):
+        return math.inf
+    if reasons_together([one.side for one in there]):
         return math.inf
     beyond = _anywhere(r, there).of(r.statistic)
     return evaluate_metric(r, f, most, side_densities(there)) + beyond

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from microvib.model.coupling import line_of_sight_transfer
 from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
+from microvib.model.side_lines import VaryingDrive
 from microvib.signals.pointing import (
     UNIFORM_INSTANTS,
     excess_between_instants,
@@ -86,6 +87,11 @@ def bound_over_phases(
     return most, np.array([less, 0.0 * less])
 
 
+def _along(one: VaryingDrive, k: int, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Motion of a drive in one of its directions, (m, c)."""
+    return one.motion(frequency, forces)[:, k]
+
+
 @dataclass(frozen=True)
 class WheelOnCraft:
     """A wheel at its place on the hub of a scenario with drive and array."""
@@ -121,9 +127,12 @@ class WheelOnCraft:
         return self.turning.of_lines(f, self._forces() * gain[:, None, :] * speed**2)
 
     @cached_property
-    def _rotor_motions(self) -> list[np.ndarray]:
-        """Motion of each drive's rotor by each order over the grid [rad], (o, m)."""
-        return [self._over_grid(one.rotor_motion) for one in self.turning.drives]
+    def _motions(self) -> list[np.ndarray]:
+        """Motion of each drive in its directions by each order over the grid [rad], (r, o, m)."""
+        return [
+            np.array([self._over_grid(partial(_along, one, k)) for k in range(len(one.directions))])
+            for one in self.turning.drives
+        ]
 
     def _over_grid(self, motion: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
         """Motion by each order over the grid, (o, m), as forces at frequencies make it."""
@@ -138,7 +147,7 @@ class WheelOnCraft:
     @cached_property
     def _swept_side_lines(self) -> SideLines | None:
         shafts = [self._over_grid(one.motion) for one in self.turning.shafts]
-        return self.turning.of_sweep(self.grid, self._rotor_motions, shafts, self._anywhere())
+        return self.turning.of_sweep(self.grid, self._motions, shafts, self._anywhere())
 
     def _anywhere(self) -> tuple[Anywhere, ...]:
         """Motion that friction and motors make of the orders at frequencies that are not known."""
@@ -147,7 +156,11 @@ class WheelOnCraft:
             norm = float(self._over_grid(friction.norm_of_forces).max(axis=1).sum())
         swings = [self._over_grid(one.motion) for one in self.turning.sines]
         peaks = [float(u.max(axis=1).sum()) for u in swings]
-        return self.turning.anywhere(norm, peaks, peaks)
+        torques = [
+            float(one.torque(self.grid, self._over_grid(one.motion).T).max(axis=0).sum())
+            for one in self.turning.rests
+        ]
+        return self.turning.anywhere(norm, peaks, peaks, torques)
 
     @cached_property
     def _beside(self) -> np.ndarray:
@@ -156,7 +169,7 @@ class WheelOnCraft:
         """
         if not self.turning.drives:
             return np.zeros((self.orders.size, self.grid.size, 2))
-        return self.turning.beside(self.grid, self._rotor_motions)
+        return self.turning.beside(self.grid, self._motions)
 
     @cached_property
     def known(self) -> bool:
@@ -462,6 +475,7 @@ class WheelOnCraft:
         less, more = best.relative_errors + self._response_error(
             best.frequency, np.zeros(self.orders.size)
         )
+        less = less + self._part_beside(best)
         largest = np.maximum(
             (1.0 + more) * max(ratio, 1.0), self._ratio_in_any_state(scores[0], own)
         )
@@ -471,6 +485,17 @@ class WheelOnCraft:
         return replace(
             best, relative_error=np.array([less, largest - 1.0]), side=self._swept_side_lines
         )
+
+    def _part_beside(self, one: Contribution) -> np.ndarray:
+        """Part of each order's line (o, 2) at a speed that varying elements may take off it."""
+        off = np.array(
+            [
+                [np.interp(f, self.grid, column) for column in beside.T]
+                for f, beside in zip(one.frequency, self._beside, strict=True)
+            ]
+        )
+        size = np.abs(one.los)
+        return np.divide(off, size, out=np.zeros_like(size), where=size > 0.0)
 
     def _ratio_in_any_state(self, score: _Score, own: float) -> float:
         """The most that the figure of a score is at any speed in any state of the drives, over its
