@@ -73,7 +73,7 @@ def test_a_factor_of_a_thousand_is_told(tests, factor):
 
 def test_a_sign_is_told_and_so_is_a_sign_with_a_unit(tests):
     scenario, a, b = tests
-    assert "with its sign reversed: check" in hints(a, times(b, -1.0), scenario)
+    assert "A with its sign reversed would be like B: check" in hints(a, times(b, -1.0), scenario)
     both = hints(a, times(b, -1e3), scenario)
     assert "with its sign reversed and multiplied by 1000" in both
 
