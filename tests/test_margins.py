@@ -482,7 +482,7 @@ def test_the_sentence_of_a_judgement():
         == "Limit 10 mN m from 1 to 5 Hz: pass; there is no line from 1 to 5 Hz."
     )
     open_ = Judgement(limit_of(0.010), (), (), ("a", "b", "c", "d", "e"))
-    assert str(open_) == "Limit 10 mN m: not judged. Not judged: a; b; c; and 2 more."
+    assert str(open_) == "Limit 10 mN m: not judged: a; b; c; and 2 more."
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,8 @@ from microvib.analysis.run import run_scenario
 from microvib.analysis.start import steady_state_fallback_note
 from microvib.model.expected import ExpectedLine
 from microvib.reports.document import Text
+from microvib.reports.outcome import Pairs
+from microvib.reports.run.first_page import first_page
 from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
 from microvib.signals.line_fit import estimate_lines
 from microvib.solve.batch import simulate_torques
@@ -608,3 +610,15 @@ def test_attitude_control_does_not_swing_in_a_steady_state_that_a_run_settled_to
         los = motion[axis]
         means = los[: los.size // block * block].reshape(-1, block).mean(axis=1)
         assert np.ptp(means) < 1e-4 * np.ptp(los)
+
+
+def test_a_report_says_how_long_a_run_from_rest_takes_to_repeat():
+    """Its motion is irregular for minutes, although deviations of the one it comes to die out in half a minute."""
+    scenario = scenario_of_any_kind(161).with_si({"record.sample_rate": 512.0})
+    found = run_scenario(scenario, start="steady", lines_only=True)
+    assert found.state is not None
+    solver = found.state.solver
+    assert solver["arrived_s"] > 5.0 * solver["settling_s"]
+    [simulated] = [item for item in first_page(found, None) if isinstance(item, Pairs)]
+    said = dict(simulated.rows)["Steady state"]
+    assert said.endswith(f"; a run from rest repeated within {solver['arrived_s']:.3g} s")

@@ -153,7 +153,10 @@ class Judgement:
             verdict = f"FAIL, {self.above} of {len(self.margins)} lines above"
         else:
             verdict = self._own_verdict
-        return f"{head}{verdict}{self._worst()}.{self.not_judged()}{self._beyond()}"
+        worst = self._worst()
+        if verdict == "not judged" and self.all_gaps and not worst:
+            return f"{head}not judged: {self._reasons()}.{self._beyond()}"
+        return f"{head}{verdict}{worst}.{self.not_judged()}{self._beyond()}"
 
     @property
     def unit(self) -> str:
@@ -191,13 +194,13 @@ class Judgement:
 
     def not_judged(self, most: int = 3) -> str:
         """Ranges and lines not judged, as a sentence; empty if there is nothing."""
-        if not self.all_gaps:
-            return ""
-        if len(self.all_gaps) > most:
-            more = f"; and {len(self.all_gaps) - most} more"
-        else:
-            more = ""
-        return f" Not judged: {'; '.join(self.all_gaps[:most])}{more}."
+        return f" Not judged: {self._reasons(most)}." if self.all_gaps else ""
+
+    def _reasons(self, most: int = 3) -> str:
+        """Ranges and lines not judged, the first of them by name."""
+        named = "; ".join(self.all_gaps[:most])
+        more = len(self.all_gaps) - most
+        return f"{named}; and {more} more" if more > 0 else named
 
     def _worst(self) -> str:
         worst = self.worst

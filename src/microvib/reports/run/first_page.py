@@ -212,11 +212,14 @@ def _numerics(result: RunResult) -> Iterator[tuple[str, str]]:
 
 
 def _steady_state(solver: dict[str, Any]) -> str:
+    arrived = ""
+    if "arrived_s" in solver:
+        arrived = f"; a run from rest repeated within {solver['arrived_s']:.3g} s"
     return (
         f"repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps);"
         f" found with {solver['periods_evaluated']:.3g} periods; deviations fall to"
         f" {solver['multiplier']:.3g} in one period, to 1 % in"
-        f" {solver['settling_s']:.3g} s"
+        f" {solver['settling_s']:.3g} s{arrived}"
     )
 
 

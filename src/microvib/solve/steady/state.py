@@ -440,6 +440,7 @@ def _result_of_settling(period: PeriodMap, spent: float, begun: float) -> Steady
     solver = {
         **method_of(period.scenario),
         "search": "run from rest until its periods repeat",
+        "arrived_s": run.simulated,
         "period_s": 1.0 / period.frequency,
         "period_microsteps": period.microsteps,
         "periods_evaluated": simulated * period.frequency,
