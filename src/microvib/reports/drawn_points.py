@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DrawnPoint = tuple[str, str, float, float]
-"""What the axes show, name of the curve, x, y."""
+"""Titles of the axes, name of the curve, x, y."""
 
 
 def drawn_points(figure: Figure) -> list[DrawnPoint]:

@@ -102,7 +102,7 @@ def _limit_facts(orbit: Orbit) -> Iterator[Fact]:
 
 
 def _limit_items(orbit: Orbit) -> Iterator[Item]:
-    """What the limit says at the angles that were run, and what is expected between them."""
+    """Sentences and table on the limit at the angles that were run, and on what is expected between them."""
     if orbit.judged is None:
         return
     yield from limit_items(orbit.judged)

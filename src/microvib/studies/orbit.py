@@ -181,8 +181,8 @@ class Orbit:
 
     @cached_property
     def excess(self) -> ExpectedExcess | None:
-        """Of the lines that are expected between the runs, the load that is farthest above its curve; None where
-        there is none, or no load has one.
+        """Line of a load that is expected between the runs, and is farthest above its curve; None where there is
+        none, or no load has a curve.
         """
         if self.judged is None:
             return None
