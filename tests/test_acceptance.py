@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import microvib as mv
 from microvib.cli.main import main
 from microvib.io.recordings import write_recording
 from microvib.testdata.recording import Recording
@@ -91,6 +92,34 @@ def test_the_verdict_is_that_of_all_runs(folder, limit, verdict):
     one_fails = report("--overwrite", runs=("A=0.uff", "A=1.uff", "A=loud.uff"), limit="60 mN*m")
     assert one_fails.output.startswith("Verdict: fail")
     assert "loud.uff is an outlier in most of its lines" in one_fails.output
+
+
+@pytest.mark.parametrize("reference", [(), ("--reference", "state-1")])
+@pytest.mark.parametrize(
+    ("factor", "verdict"),
+    [(1.0, "pass"), (1e-3, "not judged"), (-1e-3, "not judged"), (-1.0, "pass")],
+)
+def test_a_run_in_another_unit_does_not_pass(folder, predicted, reference, factor, verdict):
+    """It is held against the scenario where there is no other reference; a sign changes no amplitude."""
+    noise = np.random.default_rng(1).normal(0.0, 1e-6, predicted.size)
+    channels = {"Mz": factor * predicted + noise}
+    write_recording(Recording(channels, 4096.0, {"Mz": "N*m"}, "made"), folder / "own.mat")
+    (folder / "template.md").write_text("# T\n{{ test.verdict }}\n{{ test.conclusion }}\n")
+    options = ("--overwrite", "--scenario", "state-1", *reference)
+    done = report(*options, runs=("A=own.mat",), limit="70 mN*m")
+    assert done.exit_code == 0, done.output
+    assert done.output.startswith(f"Verdict: {verdict}"), done.output
+    told = "Not passed while this is open: of" in done.output
+    assert told == (verdict == "not judged")
+    assert ("own.mat (B), B multiplied by 1000 would be like A" in done.output) == (factor == 1e-3)
+    assert ("with its sign reversed" in done.output) == (factor < 0.0)
+
+
+@pytest.fixture(scope="module")
+def predicted():
+    """The torque of state 1 in its steady state."""
+    scenario = mv.load_scenario("state-1").with_({"record.duration": "10 s"})
+    return mv.simulate(scenario, start="steady")["T_d"]
 
 
 def test_without_a_limit_nothing_is_judged(folder):

@@ -195,13 +195,13 @@ def test_a_mode_that_rings_is_the_same_in_a_longer_record(state_1):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda x: 1e3 * x, "B would be like A divided by 1000, as in mN*m taken for N*m"),
-        (lambda x: -x, "B would be like A with its sign reversed:"),
+        (lambda x: 1e3 * x, "B divided by 1000 would be like A, as in mN*m taken for N*m"),
+        (lambda x: -x, "B with its sign reversed would be like A:"),
         (
             lambda x: -1e-3 * x,
-            "B would be like A with its sign reversed and multiplied by 1000, as in N*m taken for mN*m",
+            "B with its sign reversed and multiplied by 1000 would be like A, as in N*m taken for mN*m",
         ),
-        (lambda x: x[::-1], "B would be like A with its time reversed:"),
+        (lambda x: x[::-1], "B with its time reversed would be like A:"),
         (lambda x: 1.3 * x, ""),
     ],
 )

@@ -17,7 +17,11 @@ import microvib as mv
 from microvib.analysis.turning import hub_response
 from microvib.cli.main import main
 from microvib.io.scenario_file import dump_scenario
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
+from microvib.reports.orbit import orbit_outcome
+from microvib.reports.outcome import terminal_text
+from microvib.signals.limit_curve import LimitCurve
 from microvib.studies.angles import angles_in, sweep_angles
 from microvib.studies.budget.angles import budget_over_angles
 from microvib.studies.budget.files import Requirements
@@ -177,6 +181,8 @@ def test_command_writes_what_it_says(tmp_path: Path) -> None:
         "--orbit",
         "--angles",
         "60:100:20",
+        "--limit",
+        "1 uN*m",
         "--out",
         str(tmp_path / "o"),
     ]
@@ -185,6 +191,10 @@ def test_command_writes_what_it_says(tmp_path: Path) -> None:
     said = json.loads((tmp_path / "o" / "orbit.json").read_text())
     rows = list(csv.DictReader((tmp_path / "o" / "orbit.csv").read_text().splitlines()))
     assert [said["from_deg"], said["to_deg"]] == pytest.approx([60.0, 100.0])
+    count = len(said["angles_run_deg"])
+    assert f"FAIL at {count} of {count} angles" in done.output
+    assert said["judgement"]["verdict"] == "fail"
+    assert [one["angle_deg"] for one in said["judgement"]["angles"]] == said["angles_run_deg"]
     assert float(rows[-1]["time_s"]) == pytest.approx(40.0 / 0.0626)
     size = [float(row["ape_radial_rad"]) for row in rows]
     assert said["windows"][0]["worst_rad"] == pytest.approx(max(size), rel=1e-6)
@@ -194,6 +204,39 @@ def test_command_writes_what_it_says(tmp_path: Path) -> None:
     squares = sum(float(row["los_x_rad"]) ** 2 + float(row["los_y_rad"]) ** 2 for row in first)
     assert math.sqrt(0.5 * squares) == pytest.approx(size[0], rel=1e-6)
     assert (tmp_path / "o" / "orbit.png").stat().st_size > 10_000
+
+
+def test_an_orbit_is_judged_where_it_is_run_and_passes_nothing_that_is_expected_between() -> None:
+    """The third mode is nearest to the full steps at 96 deg, where no run is."""
+    scenario, angles = near_a_mode(), angles_in("80:100:20")
+    orbit = analyse_orbit(scenario, angles)
+    mx = COMPONENTS.index("Mx")
+    at_runs = max(np.abs(one.loads[:, mx]).max() for one in orbit.runs.lines)
+    between = max(np.abs(one.loads[:, mx]).max() for one in orbit.sweep.lines)
+    assert 1.001 * at_runs < between
+    allowed = math.sqrt(at_runs * between)
+    curve = LimitCurve((0.01, 500.0), (allowed, allowed))
+    limit = mv.Limit.of_curves(None, {"Mx": curve}, "allowed")
+    judged = analyse_orbit(scenario, angles, limit=limit)
+    assert judged.judged is not None
+    for angle, verdict in zip(judged.runs.angles, judged.judged.judgements, strict=True):
+        there = scenario.with_si({"spacecraft.array_angle": float(angle), "record.start": "steady"})
+        own = mv.run_scenario(there, limit=limit).judgement
+        assert own is not None
+        assert (verdict.verdict, verdict.all_gaps) == (own.verdict, own.all_gaps)
+        assert verdict.verdict != "fail"
+    assert judged.excess is not None
+    assert judged.excess.component == "Mx"
+    assert judged.excess.allowed == pytest.approx(allowed)
+    found = scenario.with_si(
+        {"spacecraft.array_angle": judged.excess.angle, "record.start": "steady"}
+    )
+    assert mv.run_scenario(found, limit=limit).judgement.verdict == "fail"
+    outcome = orbit_outcome(judged)
+    assert outcome.verdict == "not judged"
+    assert "of Mx" in terminal_text(outcome)
+    assert "the orbit does not pass" in terminal_text(outcome)
+    assert "Nothing is judged between these angles" in terminal_text(outcome)
 
 
 def test_an_array_that_does_not_turn_this_way_is_refused() -> None:

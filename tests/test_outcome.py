@@ -9,12 +9,15 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import pytest
+from matplotlib.figure import Figure
 
+from microvib.reports import sheets
 from microvib.reports.document import Text
 from microvib.reports.outcome import (
     Outcome,
     Pairs,
     Part,
+    Picture,
     page_answer,
     report_table,
     study_contents,
@@ -240,3 +243,29 @@ def test_what_is_for_a_report_alone_is_in_no_other_form(state_1):
     assert [row.cells for row in names.rows] == [("A", "a.csv"), ("B", "b.csv")]
     assert [column.kind for column in lines.columns][:3] == ["text", "code", "text"]
     assert lines.rows[0].cells[2] == "microstep"
+
+
+def test_the_page_gets_the_points_of_a_picture(outcome):
+    """Curves and dots as they were drawn, with what their axes show; no line across the axes, and not too many."""
+
+    def draw(count: int = 3) -> Figure:
+        drawing, axes = sheets.sheet(2.0, 2, 1)
+        upper, lower = axes[:, 0]
+        upper.sharex(lower)
+        upper.plot(range(count), [k**2 for k in range(count)], label="squares")
+        upper.axhline(4.0)
+        lower.scatter([0.5, math.nan], [7.0, 8.0])
+        upper.set(ylabel="power")
+        lower.set(ylabel="dots", xlabel="number")
+        return drawing
+
+    few = replace(outcome, parts=(Part("", (Picture("p", draw, "A picture"),)),))
+    (item,) = page_answer(few, pictures=True)["parts"][0]["items"]
+    assert item["points"] == [
+        ("power against number", "squares", 0.0, 0.0),
+        ("power against number", "squares", 1.0, 1.0),
+        ("power against number", "squares", 2.0, 4.0),
+        ("dots against number", "", 0.5, 7.0),
+    ]
+    many = replace(outcome, parts=(Part("", (Picture("p", lambda: draw(20_000), "A picture"),)),))
+    assert page_answer(many, pictures=True)["parts"][0]["items"][0]["points"] == []

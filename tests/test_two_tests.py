@@ -73,7 +73,7 @@ def test_a_factor_of_a_thousand_is_told(tests, factor):
 
 def test_a_sign_is_told_and_so_is_a_sign_with_a_unit(tests):
     scenario, a, b = tests
-    assert "with its sign reversed: check" in hints(a, times(b, -1.0), scenario)
+    assert "A with its sign reversed would be like B: check" in hints(a, times(b, -1.0), scenario)
     both = hints(a, times(b, -1e3), scenario)
     assert "with its sign reversed and multiplied by 1000" in both
 
@@ -114,7 +114,7 @@ def test_a_factor_is_told_beside_a_resonance_of_the_table(tests, on_soft_table, 
     times_or_over = "divided" if abs(factor) > 1.0 else "multiplied"
     for other in (a, scenario):
         said = hints(times(on_soft_table, factor), other, scenario)
-        assert f"A would be like B {how}{times_or_over} by 1000, as in" in said
+        assert f"A {how}{times_or_over} by 1000 would be like B, as in" in said
         assert "lines follow within 10 %: check" in said
 
 
@@ -122,7 +122,7 @@ def test_a_sign_and_an_axis_are_told_beside_a_resonance_of_the_table(tests, on_s
     scenario, a, _ = tests
     for other in (a, scenario):
         said = hints(times(on_soft_table, -1.0), other, scenario)
-        assert said.startswith("A would be like B with its sign reversed: check")
+        assert said.startswith("A with its sign reversed would be like B: check")
     said = hints(swapped(times(on_soft_table, 1e-3), "My"), a, scenario)
     assert "My of A has the lines of Mz of B, multiplied by 1000, as in N*m taken for mN*m" in said
 

@@ -198,6 +198,11 @@ def test_a_day_on_the_force_table(opened: Any, recordings: Path) -> None:
     found = page.locator("#recording")
     api.expect(found).to_contain_text("9 of 10 blows count")
     api.expect(found).to_contain_text("double hit: 28 % again after 30 ms")
+    with page.expect_download() as coming:
+        found.get_by_role("button", name="CSV of Response of Mz").click()
+    table = Path(coming.value.path()).read_text().splitlines()
+    assert table[0] == "shown,curve,x,y"
+    assert sum(row.startswith("coherence against frequency [Hz]") for row in table) > 100
     process(page)
     corrected = "corrected from 1.113 to 154.7 Hz for the table's dynamics, by at most 24.9 %"
     api.expect(found).to_contain_text(corrected)

@@ -176,7 +176,9 @@ def test_a_section_is_marked_and_processed_beside_its_background(
     names = "document.querySelector('#recording-plot').data.map((curve) => curve.name)"
     until(page, f"{names}.includes('background, drive off')")
     marks = "document.querySelector('#recording-plot').layout.annotations.map((one) => one.text)"
-    assert page.evaluate(marks) == ["mains? 2 x 50 Hz"]
+    mains, *lines = page.evaluate(marks)
+    assert mains == "mains? 2 x 50 Hz"
+    assert lines[0].startswith("<b>drive_1</b>")
     assert "FAIL" in words(page, "#bands")
     bands = "document.querySelector('#bands-plot')"
     verdicts = page.evaluate(f"{bands}.layout.annotations.map((one) => one.text)")
@@ -196,6 +198,32 @@ def test_a_section_is_marked_and_processed_beside_its_background(
     page.fill("#processing-from", "two seconds")
     page.get_by_role("button", name="Process", exact=True).click()
     page.locator("#recording [role=alert]", has_text="from").wait_for()
+
+
+def test_lines_of_a_recording_meet_a_limit_over_frequency(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    page = visit()
+    load(page, in_two_halves(), tmp_path)
+    page.locator("#recording-plot .main-svg").first.wait_for()
+    page.locator(".limit-asked summary").click()
+    curve = tmp_path / "allowed.csv"
+    curve.write_text("frequency_hz,t_mnm\n1,200\n52.9,200\n52.95,45\n53.05,45\n53.1,200\n150,200\n")
+    page.set_input_files("#processing-limit-file", curve)
+    page.fill("#processing-from", "20 s")
+    page.get_by_role("button", name="Process", exact=True).click()
+    found = page.locator("#recording")
+    api.expect(found).to_contain_text("FAIL: 1 of 22 lines")
+    api.expect(found).to_contain_text("where 45 mN m are allowed")
+    drawn = "document.querySelector('#recording-plot').data.find((one) => one.name === 'limit')"
+    assert page.evaluate(f"Math.min(...{drawn}.y)") == pytest.approx(0.045)
+    page.fill("#processing-limit", "90 mN*m")
+    page.get_by_role("button", name="Process", exact=True).click()
+    api.expect(found).not_to_contain_text("FAIL: 1 of 22 lines")
+    names = "document.querySelector('#recording-plot').layout.annotations.map((one) => one.text)"
+    until(page, f"{names}.some((one) => one.startsWith('limit 90'))")
+    page.reload()
+    api.expect(page.locator("#processing-limit")).to_have_value("90 mN*m")
 
 
 def test_a_trigger_finds_the_section(visit: Callable[..., Any], tmp_path: Path) -> None:

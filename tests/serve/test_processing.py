@@ -10,9 +10,11 @@ from support.server import items, result, spec, wait
 
 import microvib as mv
 from microvib.io.band_limits import band_limits_from_text
+from microvib.io.limit_files import limit_from_text
 from microvib.io.recordings import Prepared, beside_background, write_recording
 from microvib.studies.analyse import analyse
 from microvib.studies.bands import judge_bands
+from microvib.studies.recording_limits import judge_recording
 from microvib.studies.repeatability import RecordedRun, repeatability
 from microvib.studies.track import track_orders
 from microvib.testdata.recording import Recording
@@ -31,6 +33,14 @@ def a_test(seed: int = 1, size: float = 1.0, drive: bool = True) -> Recording:
         f_d = mv.load_scenario("state-1").driving_frequency
         x += size * np.where(t < 20.0, 0.04, 0.06) * np.cos(2.0 * np.pi * f_d * t)
     return Recording({"Mz": x}, RATE, {"Mz": "N*m"}, "test")
+
+
+def tone() -> np.ndarray:
+    """The driving line of state 1 with an amplitude of 1, in noise."""
+    t = np.arange(int(20 * RATE)) / RATE
+    f_d = mv.load_scenario("state-1").driving_frequency
+    noise = np.random.default_rng(4).normal(0.0, 2e-3, t.size)
+    return np.cos(2.0 * np.pi * f_d * t) + noise
 
 
 def sweep(ratio: float = 1.004) -> Recording:
@@ -133,12 +143,66 @@ def test_a_trigger_begins_a_section(client, test_id):
         ({"roll_off": 0.1}, "roll_off"),
         ({"bands": "private.csv"}, None),
         ({"bands": "low_hz,high_hz,limit_mn_m\n5,1,3"}, None),
+        ({"limit": "private.csv"}, "limit"),
+        ({"limit": "60 s"}, "limit"),
+        ({"limit_band": "1:2 Hz"}, "limit_band"),
+        ({"limit": "60 mN*m", "limit_band": "1 Hz"}, "limit_band"),
     ],
 )
 def test_options_that_are_none(client, test_id, asked, key):
     said = refused(client, "analyses", recording=test_id, scenario=spec(), **asked)
     assert said["key"] == key
     assert said["error"]
+
+
+def said_of(found: dict, title: str) -> list[str]:
+    """Texts of the part of an answer that has a title."""
+    part = next(part for part in found["parts"] if part["title"] == title)
+    return [one["text"] for one in items(part, "text")]
+
+
+CURVE = "frequency_hz,t_mnm\n1,200\n52.9,200\n52.95,45\n53.05,45\n53.1,200\n150,200\n"
+"""A limit with a notch about the driving line of state 1, which has 50 mN m there."""
+
+
+def test_lines_are_judged_as_the_command_line_does(client, test_id):
+    asked = {"recording": test_id, "scenario": spec(), "from": "20 s", "to": "40 s"}
+    found = started(client, "analyses", **asked, limit=CURVE)
+    later, _ = Section.stated("20 s", "40 s").cut(a_test())
+    expected = judge_recording(later, limit_from_text(CURVE), scenario="state-1")
+    assert expected.verdict == "fail"
+    assert found["limit"]["text"] == str(expected)
+    assert found["limit"]["verdict"] == "fail"
+    assert found["limit"]["margins"][0] == {"line": "drive_1", "verdict": "fail"}
+    assert found["limit"]["curve"] == [
+        [f, pytest.approx(a)] for f, a in expected.limit.as_dict()["curve"]
+    ]
+    assert said_of(found, "Against the limit") == [str(expected)]
+    assert found["facts"][0]["value"] == f"FAIL: 1 of {len(expected.margins)} lines"
+    assert found["facts"][0]["status"] == "fail"
+    above = started(client, "analyses", **asked, limit=CURVE, limit_band="60:150 Hz")
+    assert above["limit"]["verdict"] != "fail"
+    assert above["limit"]["low"] == 60.0
+    assert started(client, "analyses", **asked)["limit"] is None
+
+
+def test_several_recordings_are_judged(client, test_id, folder):
+    half = sent(client, a_test(3, size=0.5), folder, "half.mat")
+    asked = {"recordings": [test_id, half], "scenario": spec(), "from": "20 s", "to": "40 s"}
+    both = started(client, "batches", **asked, limit=CURVE)
+    (pairs,) = items(both["parts"][0], "pairs")
+    rows = dict(pairs["rows"])
+    assert rows["Record 1"] == "test.mat, channel Mz, FAIL"
+    assert "FAIL" not in rows["Record 2"]
+    steady = [mv.Recording({"Mz": 0.03 * k * tone()}, RATE, {"Mz": "N*m"}, f"{k}") for k in (1, 2)]
+    ids = [sent(client, one, folder, f"steady-{one.title}.mat") for one in steady]
+    two = started(
+        client, "comparisons", recording=ids[1], other=ids[0], scenario=spec(), limit=CURVE
+    )
+    said = said_of(two, "Against the limit")
+    assert len(said) == 2
+    assert "FAIL" in said[0]
+    assert "FAIL" not in said[1]
 
 
 def test_background_and_mains_are_marked(client, test_id, off):
@@ -219,7 +283,7 @@ def test_a_sweep_that_stays_below_a_limit_passes_nothing(client, sweep_id):
         ({"orders": "one"}, "orders", "not a list of orders"),
         ({}, "reference", "given: none"),
         ({"profile": "0 s:10 Hz", "tacho": "Mz"}, "reference", "given: profile, tacho"),
-        ({"profile": "0 s:10 Hz", "limit": "allowed.csv"}, None, "no files are opened"),
+        ({"profile": "0 s:10 Hz", "limit": "allowed.csv"}, "limit", "no files are opened"),
         ({"profile": "0 s:10 Hz", "from": "x"}, "from", "from"),
     ],
 )

@@ -168,6 +168,12 @@ def test_a_hammer_test_is_that_of_the_library_and_its_response_corrects(client, 
     found = started(client, "hammers", mounted_mass="12 kg", **asked)
     assert found["files"] == text_files(hammer_outcome(by_hammer(files.folder)))
     assert found["files"]["frf.csv"] == files.frf
+    responses = next(part for part in found["parts"] if part["title"] == "Responses")
+    (picture,) = items(responses, "picture")
+    coherence = [y for shown, _, _, y in picture["points"] if shown.startswith("coherence")]
+    rows = [line.split(",") for line in files.frf.splitlines()[1:]]
+    assert coherence == pytest.approx([float(row[3]) for row in rows][: len(coherence)], abs=1e-6)
+    assert len(coherence) > 100
     assert "report.html" in found["reports"]
     answer = client.get(f"/api/studies/{found['id']}/files/report.html")
     assert answer.status_code == 200

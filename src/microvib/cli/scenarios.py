@@ -91,10 +91,10 @@ def run(
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
     if angles is not None or orbit:
-        _check_over_angles(orbit, allowed, bool(band_limits) or without_one_motion)
+        _check_over_angles(orbit, bool(band_limits) or without_one_motion)
         target = Target(out, overwrite, form)
         if orbit:
-            _run_orbit(loaded, angles, harmonics, target)
+            _run_orbit(loaded, angles, harmonics, allowed, target)
         else:
             _run_angles(loaded, angles or "", harmonics, allowed, target)
         return
@@ -107,18 +107,12 @@ def run(
     echo(f"Written: {', '.join(str(out / name) for name in files)}")
 
 
-def _check_over_angles(orbit: bool, limit: Limit | None, of_one_motion: bool) -> None:
+def _check_over_angles(orbit: bool, of_one_motion: bool) -> None:
     """OptionError for what a sweep over angles does not look at."""
     if of_one_motion:
         raise OptionError(
             "orbit" if orbit else "angles",
             "cannot be combined with bands, lines_only or seeds; leave them out",
-        )
-    if orbit and limit is not None:
-        raise OptionError(
-            "orbit",
-            "takes no limit, since nothing is judged between its runs; give angles with the limit instead",
-            remedy="angles",
         )
 
 
@@ -135,7 +129,9 @@ def _run_angles(
     target.present(angles_outcome(sweep))
 
 
-def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
+def _run_orbit(
+    loaded: Scenario, angles: str | None, harmonics: int, limit: Limit | None, target: Target
+) -> None:
     from microvib.reports.orbit import orbit_outcome
     from microvib.studies.angles import angles_in
     from microvib.studies.orbit import analyse_orbit, check_orbit
@@ -146,7 +142,7 @@ def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Tar
         asked = angles_in(angles)
     check_orbit(loaded, asked)
     with progress_bar("solving", "angles") as progress:
-        orbit = analyse_orbit(loaded, asked, harmonics=harmonics, progress=progress)
+        orbit = analyse_orbit(loaded, asked, harmonics=harmonics, limit=limit, progress=progress)
     target.present(orbit_outcome(orbit))
 
 

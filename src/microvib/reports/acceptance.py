@@ -227,8 +227,11 @@ def _conclusion(test: AcceptanceTest) -> Iterator[str]:
     if test.repeatability is not None:
         for name, part in test.repeatability.outlying_runs.items():
             yield f"{file_name(name)} is an outlier in most of its lines ({100.0 * part:+.3g} %): it stays in."
-    if test.comparison is not None:
-        yield from misread(*test.comparison)
+    if test.held_against is not None:
+        open_yet = "Not passed while this is open: " if test.is_misread else ""
+        a, b = test.held_against.a.name, test.held_against.b.name
+        for sentence in misread(*test.held_against):
+            yield f"{open_yet}of {file_name(a)} (A) and {file_name(b)} (B), {sentence}"
 
 
 def conclusion_text(test: AcceptanceTest) -> str:

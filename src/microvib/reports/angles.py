@@ -53,9 +53,9 @@ def angles_outcome(sweep: AngleSweep) -> Outcome:
         f"Angles of the array: {sweep.scenario.title or 'drive'}",
         f"Lines of the line of sight at {len(sweep.angles)} angles of the array, one run each.",
         worst_verdict(one.verdict for one in sweep.judgements),
-        (*_limit_facts(sweep), *_facts(sweep, los)),
+        (*limit_facts(sweep), *_facts(sweep, los)),
         (
-            Part("", (*_limit_items(sweep), picture, *map(Text, _fallbacks(sweep)))),
+            Part("", (*limit_items(sweep), picture, *map(Text, _fallbacks(sweep)))),
             Part("Every angle", (over,)),
         ),
         sweep.scenario,
@@ -104,8 +104,8 @@ def _angle_margin(angle: float, judged: Judgement) -> AngleMargin:
     )
 
 
-def _limit_facts(sweep: AngleSweep) -> Iterator[Fact]:
-    """The verdict over all angles."""
+def limit_facts(sweep: AngleSweep) -> Iterator[Fact]:
+    """The verdict over all angles; nothing where there is no limit."""
     rows = angle_margins(sweep)
     verdict = worst_verdict(row.verdict for row in rows)
     for row in _nearest(rows):
@@ -114,7 +114,7 @@ def _limit_facts(sweep: AngleSweep) -> Iterator[Fact]:
         yield Fact(DECIBEL.figure(row.decibel), f"{verdict}, smallest margin: {at}", status)
 
 
-def _limit_items(sweep: AngleSweep) -> Iterator[Item]:
+def limit_items(sweep: AngleSweep) -> Iterator[Item]:
     """Sentence and table on the limit; nothing where there is none."""
     rows = angle_margins(sweep)
     if not rows:

@@ -4,18 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from microvib.analysis.margins import NoVerdict, Verdict, worst_verdict
 from microvib.reports import sheets
-from microvib.reports.angles import SHOWN, draw_rms, label_axes, lines_table
+from microvib.reports.angles import (
+    SHOWN,
+    angle_margins,
+    draw_rms,
+    label_axes,
+    limit_facts,
+    limit_items,
+    lines_table,
+)
 from microvib.reports.document import Fact, Text
-from microvib.reports.outcome import Outcome, Part, Picture
-from microvib.results import ARRAY_ANGLE, Column, Measure, Table
+from microvib.reports.numbers import format_number
+from microvib.reports.outcome import Item, Outcome, Part, Picture
+from microvib.results import ARRAY_ANGLE, FREQUENCY, Column, Measure, Table
 from microvib.solve.channels import LOAD_COLUMNS
-from microvib.studies.orbit import MAX_QUASI_STATIC_CHANGE, TOLERANCE, Orbit, WindowOverOrbit
+from microvib.studies.orbit import (
+    MAX_QUASI_STATIC_CHANGE,
+    TOLERANCE,
+    ExpectedExcess,
+    Orbit,
+    WindowOverOrbit,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,10 +54,13 @@ def orbit_outcome(orbit: Orbit) -> Outcome:
         "Orbit",
         f"Over an orbit: {orbit.sweep.scenario.title or 'drive'}",
         _how(orbit),
-        "",
-        tuple(_facts(orbit, los)),
+        _verdict(orbit),
+        (*_limit_facts(orbit), *_facts(orbit, los)),
         (
-            Part("", (*(Text(text, note=True) for text in orbit.notes()), picture)),
+            Part(
+                "",
+                (*_limit_items(orbit), *(Text(text, note=True) for text in orbit.notes()), picture),
+            ),
             Part("Windows over the orbit", (windows,)),
             Part("Method of solution", (Text(" ".join(_method(orbit))),)),
         ),
@@ -64,6 +83,40 @@ _MEANING = (
     f" {100 * MAX_QUASI_STATIC_CHANGE:g} % the angles cannot be taken one by one. Steps are halved"
     f" from {100 * TOLERANCE:g} %."
 )
+
+
+def _verdict(orbit: Orbit) -> Verdict | NoVerdict:
+    """The worst of the angles that were run; no pass where a line is expected above the limit between them."""
+    if orbit.judged is None:
+        return ""
+    expected: Verdict | NoVerdict = "" if orbit.excess is None else "not judged"
+    return worst_verdict([*(one.verdict for one in orbit.judged.judgements), expected])
+
+
+def _limit_facts(orbit: Orbit) -> Iterator[Fact]:
+    if orbit.judged is None:
+        return
+    if orbit.excess is not None and _verdict(orbit) == "not judged":
+        yield Fact("not judged", _excess_words(orbit.excess), "fail")
+    yield from limit_facts(orbit.judged)
+
+
+def _limit_items(orbit: Orbit) -> Iterator[Item]:
+    """Sentences and table on the limit at the angles that were run, and on what is expected between them."""
+    if orbit.judged is None:
+        return
+    yield from limit_items(orbit.judged)
+    if orbit.excess is not None:
+        yield Text(f"Between them {_excess_words(orbit.excess)}: the orbit does not pass.")
+
+
+def _excess_words(one: ExpectedExcess) -> str:
+    unit = "N" if one.component.startswith("F") else "N m"
+    return (
+        f"{one.line} of {one.component} at {FREQUENCY.figure(one.frequency)} is expected to have"
+        f" {format_number(one.amplitude, 3)} {unit} at {ARRAY_ANGLE.figure(one.angle)}, where"
+        f" {format_number(one.allowed, 3)} {unit} are allowed"
+    )
 
 
 def _how(orbit: Orbit) -> str:
@@ -144,7 +197,22 @@ def _data(orbit: Orbit, windows: Table, loads: dict[str, np.ndarray]) -> dict[st
         "turned_in_decay_deg": math.degrees(orbit.turned_in_decay),
         "quasi_static": orbit.quasi_static,
         "notes": orbit.notes(),
+        "judgement": _judged_data(orbit),
     }  # fmt: skip
+
+
+def _judged_data(orbit: Orbit) -> dict[str, Any] | None:
+    """The verdict, that at each angle, and what is expected between; None without a limit."""
+    if orbit.judged is None:
+        return None
+    return {
+        "verdict": _verdict(orbit),
+        "angles": [
+            {"angle_deg": math.degrees(row.angle), "verdict": row.verdict}
+            for row in angle_margins(orbit.judged)
+        ],
+        "expected_excess": None if orbit.excess is None else asdict(orbit.excess),
+    }
 
 
 def draw_orbit(orbit: Orbit, los: Measure) -> Figure:

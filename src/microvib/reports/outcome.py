@@ -17,6 +17,7 @@ from microvib.model.scenario import Scenario
 from microvib.reports import document, sheets
 from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.document import Block, Code, Contents, Document, Fact, Section, Text
+from microvib.reports.drawn_points import drawn_points
 from microvib.reports.rendering import address
 from microvib.results import MARKS, Column, Measure, Table
 from microvib.text_tables import text_table
@@ -291,8 +292,19 @@ def _page_item(item: Item, pictures: bool) -> dict[str, Any]:
         return {} if item.brief == 0 else _page_table(item)
     if not pictures:
         return {}
-    source = address(sheets.svg(item.draw()))
-    return {"kind": "picture", "title": item.title, "caption": item.caption, "source": source}
+    drawing = item.draw()
+    points = drawn_points(drawing)
+    return {
+        "kind": "picture",
+        "title": item.title,
+        "caption": item.caption,
+        "source": address(sheets.svg(drawing)),
+        "points": points if len(points) <= _MAX_POINTS else [],
+    }
+
+
+_MAX_POINTS = 12_000
+"""Points of a picture that the page gets as figures; files of the study hold those of larger ones."""
 
 
 def _page_table(table: Table) -> dict[str, Any]:

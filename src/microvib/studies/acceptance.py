@@ -15,7 +15,7 @@ from microvib.model.scenario import GivenScenario, as_scenario
 from microvib.signals.limit_curve import Limit
 from microvib.solve.integration import Progress
 from microvib.studies.analyse import Analysis, analyse
-from microvib.studies.compare import Comparison, compare
+from microvib.studies.compare import Comparison, compare, misreads_amplitudes
 from microvib.studies.hammer import HammerTest
 from microvib.studies.recording_limits import judge_recording
 from microvib.studies.repeatability import RecordedRun, Repeatability, repeatability
@@ -47,14 +47,26 @@ class AcceptanceTest:
     comparison: Comparison | None
     """The first run against the reference; None without one."""
     hammer: HammerTest | None
+    beside_scenario: Comparison | None = None
+    """The first run against the scenario, where a limit is judged and there is no other reference."""
 
     @property
     def verdict(self) -> Verdict:
         """Fail where one run does; pass where all do and none is questioned beside the others; else not judged."""
         found = worst_verdict(run.verdict for run in self.runs) or "not judged"
-        if found == "pass" and self.run_warnings:
+        if found == "pass" and (self.run_warnings or self.is_misread):
             return "not judged"
         return found
+
+    @property
+    def held_against(self) -> Comparison | None:
+        """The first run against the reference, or without one against the scenario."""
+        return self.comparison or self.beside_scenario
+
+    @property
+    def is_misread(self) -> bool:
+        """Whether the first run is in another unit or on another axis than what it is held against."""
+        return self.held_against is not None and misreads_amplitudes(*self.held_against)
 
     @property
     def run_warnings(self) -> tuple[str, ...]:
@@ -114,18 +126,23 @@ def acceptance(  # noqa: PLR0913 - keyword options
         if limit is not None:
             judgement = judge_recording(run.source, limit, channel=channel, scenario=guide)
         judged_runs.append(JudgedRun(run, found, judgement))
-    compared = None
-    if reference is not None:
-        names = (reference_name, runs[0].name)
-        compared = compare(
-            reference,
+
+    def against(other: Source, name: str) -> Comparison:
+        return compare(
+            other,
             runs[0].source,
-            names=names,
+            names=(name, runs[0].name),
             scenario=guide,
             channel=channel,
             progress=progress,
         )
+
+    compared = beside = None
+    if reference is not None:
+        compared = against(reference, reference_name)
+    elif guide is not None and limit is not None:
+        beside = against(guide, guide.title or "the scenario")
     repeated = None
     if len(runs) > 1:
         repeated = repeatability(runs, scenario=guide, channels=[channel])
-    return AcceptanceTest(tuple(judged_runs), channel, limit, repeated, compared, hammer)
+    return AcceptanceTest(tuple(judged_runs), channel, limit, repeated, compared, hammer, beside)

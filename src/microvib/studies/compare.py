@@ -37,6 +37,7 @@ from microvib.studies.misreading import (
     common_scale,
     consensus,
     followed_up_to,
+    is_of_units,
     other_axis,
     scale_in_words,
 )
@@ -304,17 +305,25 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
         recorded, other, mark, sign = (a, b, "A", -1.0)
     else:
         recorded, other, mark, sign = (b, a, "B", 1.0)
-    what, followers = [_reversal(recorded, other, followed_up_to(ratios, scale))], ""
+    what, why = [_reversal(recorded, other, followed_up_to(ratios, scale))], ""
     if scale:
-        what += [scale_in_words(sign * scale).rstrip(",")]
-        followers = _followers(ratios)
+        factor, taken, unit = scale_in_words(sign * scale).rstrip(",").partition(", as in ")
+        what.append(factor)
+        why = f"{taken}{unit}{_followers(ratios)}"
     if not (said := " and ".join(filter(None, what))):
         return ()
     checked = recorded.name
     if a.kind == b.kind == "recording":
         checked = "both recordings"
-    like = f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}{followers}"
+    like = f"{mark} {said} would be like {'B' if mark == 'A' else 'A'}{why}"
     return (f"{like}: check order, sign and unit of {checked}.",)
+
+
+def misreads_amplitudes(a: Side, b: Side, rows: Sequence[Row]) -> bool:
+    """Whether one side would be as the other in another unit, or has the other's lines on another axis: then
+    its amplitudes are not those that a limit is about.
+    """
+    return bool(_misread_axes(a, b)) or is_of_units(common_scale(_log_ratios(rows)))
 
 
 def _log_ratios(rows: Sequence[Row]) -> Ratios:

@@ -94,6 +94,12 @@ def _time_reversed(o: Observation) -> Observation | None:
     return o
 
 
+def is_of_units(logarithm: float, close: float = UNIT_TOLERANCE) -> bool:
+    """Whether a scale is that of one unit taken for another."""
+    factors = [*UNITS, *(1.0 / f for f in UNITS)]
+    return any(abs(math.exp(logarithm) / f - 1.0) < close for f in factors)
+
+
 def scale_in_words(logarithm: float, close: float = UNIT_TOLERANCE) -> str:
     """A scale in words: by what the recording is to be divided."""
     times = math.exp(logarithm)

@@ -26,8 +26,10 @@ from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import require_craft
 from microvib.model.driven import noise_bands
 from microvib.model.line_names import LineName, is_unlisted
+from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.results import ARRAY_ANGLE, POINTING_ANGLE, SHARE, TIME, Column
+from microvib.signals.limit_curve import Limit
 from microvib.signals.pointing import (
     METRICS,
     Metric,
@@ -97,6 +99,22 @@ class WindowOverOrbit:
 
 
 @dataclass(frozen=True)
+class ExpectedExcess:
+    """A line that is expected to be above a limit at an angle that was not run."""
+
+    component: str
+    line: str
+    frequency: float
+    """[Hz]"""
+    angle: float
+    """[rad]"""
+    amplitude: float
+    """Expected there, 0-to-peak [N], [N m]."""
+    allowed: float
+    """[N], [N m]"""
+
+
+@dataclass(frozen=True)
 class Orbit:
     """Lines over an orbit."""
 
@@ -115,6 +133,10 @@ class Orbit:
     """
     los_at: Callable[[float], np.ndarray]
     """Lines of the line of sight at any angle [rad] between, (k, 2), complex [rad]."""
+    judged: AngleSweep | None = None
+    """The scenario as it was given, its noise included, judged at the angles of ``runs``; None without a
+    limit.
+    """
 
     @property
     def rate(self) -> float:
@@ -156,6 +178,33 @@ class Orbit:
                 )
             )
         return tuple(rows)
+
+    @cached_property
+    def excess(self) -> ExpectedExcess | None:
+        """Line of a load that is expected between the runs, and is farthest above its curve; None where there is
+        none, or no load has a curve.
+        """
+        if self.judged is None:
+            return None
+        frequency = self.sweep.lines[0].frequency
+        found = []
+        for component, curve in self.judged.judgements[0].limit.loads.items():
+            size = np.abs([one.loads[:, COMPONENTS.index(component)] for one in self.sweep.lines])
+            allowed = np.asarray(curve.strictest(*_clock_interval(frequency)))
+            n, k = np.unravel_index(int(np.argmax(size / allowed)), size.shape)
+            if size[n, k] > allowed[k]:
+                name, angle = self.sweep.lines[n].names[k], float(self.sweep.angles[n])
+                found.append(
+                    ExpectedExcess(
+                        component,
+                        name,
+                        float(frequency[k]),
+                        angle,
+                        float(size[n, k]),
+                        float(allowed[k]),
+                    )
+                )
+        return max(found, key=lambda one: one.amplitude / one.allowed, default=None)
 
     @property
     def quasi_static(self) -> bool:
@@ -212,6 +261,11 @@ class Orbit:
         return said
 
 
+def _clock_interval(frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Intervals [Hz] in which lines of the clock are known to be."""
+    return frequency * (1.0 - FREQUENCY_TOLERANCE), frequency * (1.0 + FREQUENCY_TOLERANCE)
+
+
 def _drives(scenario: Scenario) -> tuple[Scenario, ...]:
     """Each drive that steps, with the other wing held."""
     other = scenario.driven_wing
@@ -235,6 +289,7 @@ def analyse_orbit(
     angles: Sequence[GivenQuantity] | None = None,
     *,
     harmonics: int = 8,
+    limit: Limit | None = None,
     progress: Progress | None = None,
 ) -> Orbit:
     """Run the craft at the angles through which its array turns, one after another, at the
@@ -250,6 +305,8 @@ def analyse_orbit(
         Angles of the array, such as ``"30 deg"``; without them one turn from ``array_angle``.
     harmonics : int
         Members of each family of lines that are looked for.
+    limit : Limit, optional
+        Limit by which the scenario is judged at each angle that is run.
     progress : callable, optional
         Called as ``progress(done, total)``, with the number of angles.
 
@@ -274,6 +331,13 @@ def analyse_orbit(
         changes["spacecraft.second_wing.friction"] = wing.friction.without_noise
     steady = scenario.with_si(changes)
     runs, halvings, off = _run(steady, turns, harmonics, progress)
+    judged = None
+    if limit is not None:
+        angles_run = [Si(angle) for angle in runs.angles.tolist()]
+        with_noise = scenario.with_si({"record.start": "steady"})
+        judged = sweep_angles(
+            with_noise, angles_run, harmonics=harmonics, limit=limit, progress=progress
+        )
     between = _AngleInterpolator(runs)
     psi, moved = between.dense()
     lines = tuple(
@@ -298,6 +362,7 @@ def analyse_orbit(
         off,
         turning,
         lambda angle: between(angle).los,
+        judged,
     )
 
 

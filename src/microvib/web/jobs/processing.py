@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from microvib.io.band_limits import BandLimit
 from microvib.signals.impacts import Estimator
+from microvib.signals.limit_curve import Limit
 from microvib.signals.spectrum import Average, Window
 from microvib.testdata.section import Section
 
@@ -47,6 +48,8 @@ class Processing:
     overlap: float = 0.5
     band_limits: tuple[BandLimit, ...] = ()
     roll_off: float | None = None
+    limit: Limit | None = None
+    """Limit of the lines; none is judged without it."""
 
 
 @dataclass(frozen=True)

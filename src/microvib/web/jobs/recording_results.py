@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.background import mains_harmonic
+from microvib.analysis.limits import Judgement
 from microvib.reports.analysis import analysis_outcome
 from microvib.reports.order_tracking import order_outcome
 from microvib.reports.outcome import page_answer
@@ -17,19 +18,22 @@ from microvib.signals.screen import decimate_spectrum, largest_in_cells
 from microvib.studies.analyse import Analysis
 from microvib.studies.cut_limits import CutLimits, limit_along
 from microvib.studies.track import OrderCut, OrderTracking
+from microvib.web.jobs.drawn_limits import drawn_limit
 
 _POINTS = 6000
 _MAP = 160, 600
 """Rows and columns of an order map, at most."""
 
 
-def analysis_result(a: Analysis, start: float, bands: list[dict[str, Any]]) -> dict[str, Any]:
+def analysis_result(
+    a: Analysis, start: float, bands: list[dict[str, Any]], judged: Judgement | None
+) -> dict[str, Any]:
     """Result of one channel from ``start`` [s] on, with the page's drawings: lines, spectrum, density,
-    background, bands.
+    background, bands, limit.
     """
     f, amplitude = decimate_spectrum(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
     g, density = decimate_spectrum(a.density.frequency, a.density.density, _POINTS)
-    return page_answer(analysis_outcome(a, with_spectra_files=False)) | {
+    return page_answer(analysis_outcome(a, judged, with_spectra_files=False)) | {
         "lines": [] if a.table is None else [file_record(line) for line in a.table],
         "spectrum": {"f": f.tolist(), "amplitude": amplitude.tolist(), "made": str(a.spectrum)},
         "density": {"f": g.tolist(), "psd": density.tolist(), "made": str(a.density)},
@@ -43,6 +47,7 @@ def analysis_result(a: Analysis, start: float, bands: list[dict[str, Any]]) -> d
         "background_lines": [file_record(line) for line in a.background_lines],
         "mains": _mains(a),
         "bands": bands,
+        "limit": None if judged is None else drawn_limit(judged),
     }
 
 

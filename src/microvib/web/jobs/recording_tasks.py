@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from microvib.analysis.limits import Judgement
 from microvib.errors import MicrovibError
 from microvib.io.file_access import NO_FILES
 from microvib.io.kept_recording import keep_recording, kept_recording
@@ -42,6 +43,7 @@ from microvib.studies.bands import band_history
 from microvib.studies.batch import batch_of
 from microvib.studies.compare import compare
 from microvib.studies.cut_limits import cuts_against
+from microvib.studies.recording_limits import judge_recording, judge_sides
 from microvib.studies.repeatability import RecordedRun, repeatability
 from microvib.studies.track import track_orders
 from microvib.testdata.preparation import Preparation
@@ -70,6 +72,15 @@ def _processed(
         band_limits=how.band_limits,
         roll_off=how.roll_off,
     )
+
+
+def _judged(
+    how: Processing, source: Prepared, channel: str, scenario: Scenario
+) -> Judgement | None:
+    """The lines of a source against the limit; None without one."""
+    if how.limit is None:
+        return None
+    return judge_recording(source, how.limit, channel=channel, scenario=scenario)
 
 
 def _write(folder: str, data: dict[str, Any]) -> None:
@@ -218,6 +229,7 @@ def analysis(  # noqa: PLR0913 - what a process is sent
     tell(0, None, "", "reading and finding the lines")
     how = preparation(folder, part.preparing)
     source, start = _prepared(recording, channel, part, how, background)
+    judged = _judged(processing, source, channel, scenario)
     found = _processed(processing, source, channel, scenario, recording[1])
     where = Path(folder)
     np.save(where / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
@@ -228,7 +240,7 @@ def analysis(  # noqa: PLR0913 - what a process is sent
     _keep_waterfall(where, w.frequency, w.time + start, w.amplitude)
     tell(0, None, "", "splitting into bands")
     bands = [_keep_band(where, k, source.recording, found, start) for k in _bands(found)]
-    _write(folder, recording_results.analysis_result(found, start, bands))
+    _write(folder, recording_results.analysis_result(found, start, bands, judged))
 
 
 def _bands(found: Analysis) -> range:
@@ -318,6 +330,7 @@ def comparison(  # noqa: PLR0913 - what a process is sent
     other: RecordedFile | None = None,
     scenario: Scenario | None = None,
     preparing: Preparing | None = None,
+    limit: Limit | None = None,
 ) -> None:
     """Lines of a recording beside those of a run's scenario (its file), simulated at the clock that
     the recording shows, or beside another recording's.
@@ -329,11 +342,15 @@ def comparison(  # noqa: PLR0913 - what a process is sent
     else:
         second = prepared(other, how)
     names = (recording[1], run_title if other is None else other[1])
+    first = prepared(recording, how)
     found = compare(
-        prepared(recording, how), second, names=names, scenario=scenario, channel=channel,
+        first, second, names=names, scenario=scenario, channel=channel,
         progress=lambda done, total: tell(done, total, "s", "simulating"),
     )  # fmt: skip
-    _write(folder, page_answer(comparison_outcome(*found), pictures=other is not None))
+    drive = scenario or found.a.scenario or found.b.scenario
+    judged = judge_sides((first, second), limit, channel, drive)
+    outcome = comparison_outcome(*found, judged=judged)
+    _write(folder, page_answer(outcome, pictures=other is not None))
 
 
 def repeated(
@@ -363,12 +380,13 @@ def batch(  # noqa: PLR0913 - what a process is sent
     tell: ProgressCallback,
 ) -> None:
     """Several recordings processed alike, with their figures and spectra side by side."""
-    found, how = [], preparation(folder, part.preparing)
+    found, outcomes, how = [], [], preparation(folder, part.preparing)
     for k, one in enumerate(recordings):
         tell(k, len(recordings), "recordings", f"processing {one[1]}")
         source, _ = _prepared(one, channel, part, how, background)
+        judged = _judged(processing, source, channel, scenario)
         found.append(_processed(processing, source, channel, scenario, one[1]))
-    outcomes = [analysis_outcome(one, with_spectra_files=False) for one in found]
+        outcomes.append(analysis_outcome(found[-1], judged, with_spectra_files=False))
     names = [one[1] for one in recordings]
     answer = page_answer(batch_outcome(batch_of(names, found), outcomes), pictures=True)
     _write(folder, answer | recording_results.spectra_of(found))

@@ -48,6 +48,7 @@ from microvib.studies.workers import parallel_calls
 from microvib.units import Band, Si
 from microvib.web.jobs import ProgressCallback, campaigns, results
 from microvib.web.jobs.budgets import budget, budget_file  # noqa: F401 - as those below
+from microvib.web.jobs.drawn_limits import drawn_limit
 from microvib.web.jobs.envelopes import envelope  # noqa: F401 - as those below
 from microvib.web.jobs.kept_runs import keep_run, kept_run
 from microvib.web.jobs.processing import Preparing, RecordedFile
@@ -137,16 +138,8 @@ def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]
     levels = None
     if result.second is None:
         levels = asdict(band_levels(with_known_error(result.table), limit.low, limit.high))
-    return {
+    return drawn_limit(judged) | {
         "levels": levels,
-        "text": str(judged),
-        "verdict": judged.verdict,
-        "gaps": judged.all_gaps,
-        "torque": limit.torque if math.isfinite(limit.torque) else None,
-        "low": limit.low,
-        "high": limit.high if math.isfinite(limit.high) else None,
-        "curve": None if limit.is_one_number else limit.as_dict().get("curve"),
-        "margins": [{"line": m.line.name, "verdict": m.verdict} for m in judged.margins],
         "facts": page_facts(run_facts(result, judged)),
         "parts": [page_part(part) for part in judged_parts(result, judged) if part.items],
     }

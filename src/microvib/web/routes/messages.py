@@ -94,6 +94,10 @@ class ProcessingOf(SectionOf):
         default=None, description="bands with a limit each, as the text of a CSV table"
     )
     roll_off: float | None = Field(default=None, allow_inf_nan=False)
+    limit: Table | None = Field(
+        default=None, description="a torque, or the text of a table of a limit over frequency"
+    )
+    limit_band: Short | None = Field(default=None, description="where the limit applies")
 
 
 class AnalysisOf(ProcessingOf):
@@ -142,6 +146,10 @@ class ComparisonOf(PreparingOf):
     other: Id | None = None
     scenario: Spec | None = None
     channel: Short = "Mz"
+    limit: Table | None = Field(
+        default=None, description="a torque, or the text of a table of a limit over frequency"
+    )
+    limit_band: Short | None = Field(default=None, description="where the limit applies")
 
 
 class TestOf(Body):

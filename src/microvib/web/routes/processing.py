@@ -13,8 +13,7 @@ from fastapi import Path as PathParameter
 
 from microvib.errors import OptionError
 from microvib.io.band_limits import BandLimit, band_limits_from_text
-from microvib.io.file_access import NO_FILES, sent_files
-from microvib.io.limit_files import given_limit, limit_from_text
+from microvib.io.file_access import sent_files
 from microvib.io.pyramid_files import mapped_pyramid
 from microvib.signals.limit_curve import Limit
 from microvib.signals.screen import largest_in_cells
@@ -44,7 +43,17 @@ from microvib.web.routes.messages import (
     TrackingOf,
 )
 from microvib.web.routes.recordings import Pixels, Time, series_in, upload_of
-from microvib.web.routes.results import From, Log, Points, To, done, finished_run, stretch, there
+from microvib.web.routes.results import (
+    From,
+    Log,
+    Points,
+    To,
+    done,
+    finished_run,
+    limit_of,
+    stretch,
+    there,
+)
 
 _REFERENCES = ("scenario", "profile", "tacho", "speed", "strongest")
 _ROWS, _COLUMNS = 160, 600
@@ -74,8 +83,9 @@ def _processing(want: ProcessingOf) -> Processing:
     elif want.roll_off is not None:
         raise OptionError("roll_off", "is that of filters of bands; give bands", remedy="bands")
     return Processing(
-        want.window, want.average, want.resolution, want.overlap, limits, want.roll_off
-    )
+        want.window, want.average, want.resolution, want.overlap, limits, want.roll_off,
+        recording_limit(want.limit, want.limit_band),
+    )  # fmt: skip
 
 
 def _background(store: Store, want: ProcessingOf) -> tuple[str, str] | None:
@@ -139,7 +149,7 @@ def start_tracking(want: TrackingOf, store: StoreDependency) -> Started:
         part=_part_of(store, want),
         fixed=want.fixed,
         bandwidth=want.bandwidth,
-        limit=_limit(want.limit),
+        limit=recording_limit(want.limit, None),
     )
 
 
@@ -168,13 +178,15 @@ def _reference(store: Store, want: TrackingOf) -> dict[str, Any]:
     return options
 
 
-def _limit(text: str | None) -> Limit | None:
-    """A limit of a torque, or the text of a table; no file is opened for it."""
-    if text is None or not text.strip():
-        return None
-    if "\n" in text.strip():
-        return limit_from_text(text)
-    return given_limit(text.strip(), None, NO_FILES)
+def recording_limit(text: str | None, band: str | None) -> Limit | None:
+    """The limit of a recording's lines in a band, whose key is ``limit_band``; None without one."""
+    try:
+        return limit_of((text or "").strip(), (band or "").strip())
+    except OptionError as error:
+        if error.key != "band":
+            raise
+        problem = str(error).removeprefix("band: ")
+        raise OptionError("limit_band", problem, remedy=error.remedy) from None
 
 
 @routes.post("/comparisons", status_code=202)
@@ -203,6 +215,7 @@ def start_comparison(want: ComparisonOf, store: StoreDependency) -> Started:
         recording=upload.file,
         channel=want.channel,
         preparing=preparing_of(store, want),
+        limit=recording_limit(want.limit, want.limit_band),
         **more,
     )
 

@@ -17,7 +17,7 @@ from pydantic import StringConstraints
 from microvib.errors import OptionError
 from microvib.export.exporting import options_of, typed_options
 from microvib.export.targets import TARGETS, target_of_file
-from microvib.io.limit_files import limit_from_text
+from microvib.io.limit_files import is_limit_file, limit_from_text
 from microvib.io.tables import to_json
 from microvib.model.rigid import COMPONENTS
 from microvib.signals.limit_curve import Limit
@@ -277,6 +277,10 @@ def limit_of(limit: str | None, band: str | None) -> Limit | None:
     """The limit of a request: a torque, or the text of a table; no file is opened for it."""
     if limit and "\n" in limit:
         return limit_from_text(limit).within(band or None)
+    if is_limit_file(limit):
+        raise OptionError(
+            "limit", f"{limit!r} names a file, and no files are opened here; its text is expected"
+        )
     return Limit.of(limit or None, band or None)
 
 

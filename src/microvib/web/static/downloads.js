@@ -137,10 +137,12 @@ export async function pngOf(svg) {
 
 // ---- Pictures that the server drew ----
 
-/** Buttons of an image whose address is an SVG's content. */
-export function pictureExports(image, name) {
+/** Buttons of an image whose address is an SVG's content; `points` are those of its curves: what is shown, curve, x, y. */
+export function pictureExports(image, name, points = []) {
   const svg = () => textOf(image.src);
-  return exportBar(() => name, { SVG: svg, PNG: () => pngOf(svg()) });
+  const rows = [["shown", "curve", "x", "y"], ...points];
+  const figures = points.length ? { CSV: () => csvOf(rows), Copy: () => tsvOf(rows) } : {};
+  return exportBar(() => name, { PNG: () => pngOf(svg()), SVG: svg, ...figures });
 }
 
 const LOOKS = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-weight", "font-style", "font-family"];

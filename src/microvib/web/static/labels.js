@@ -9,11 +9,11 @@ export function textWidth(text, size, weight = 400) {
 }
 
 const BESIDE = 7;
-const PLACES = [18, 2, 32, 46, 60, 74, 92, 110].flatMap((rise) => [[rise, 1], [rise, -1]]); // prettier-ignore
+const PLACES = [18, 2, 32, 46, 60, 74, 92, 110, -14, -30, -46].flatMap((rise) => [[rise, 1], [rise, -1]]); // prettier-ignore
 
 /**
  * Places for names beside points of a picture of `width` and `height`. `names`: {x, y, lines, size}, the most important first, in
- * pixels from the left and from the top; `kept` are boxes that should stay clear of them, and do of `optional` names. Of each that finds room: {...name, ax, ay, xanchor},
+ * pixels from the left and from the top; `kept` are boxes that should stay clear of them, and do of `optional` names. Of each that finds room: {...name, ax, ay, xanchor, yanchor},
  * where its text goes from its point.
  */
 export function placed(names, area, kept = []) {
@@ -24,7 +24,8 @@ export function placed(names, area, kept = []) {
     const best = free.find((box) => !kept.some((other) => meet(box, other))) ?? (name.optional ? undefined : free[0]);
     if (!best) return [];
     taken.push(best);
-    return [{ ...name, ax: best.side * BESIDE, ay: -best.rise, xanchor: best.side > 0 ? "left" : "right" }];
+    const [ay, yanchor] = best.rise < 0 ? [0.5 * (best.top + best.bottom) - name.y, "middle"] : [-best.rise, "bottom"];
+    return [{ ...name, ax: best.side * BESIDE, ay, yanchor, xanchor: best.side > 0 ? "left" : "right" }];
   });
 }
 

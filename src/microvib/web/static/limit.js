@@ -11,6 +11,7 @@ const limit = h("textarea", {
   placeholder: "such as 30 mN*m",
   title: "A torque, or the lines of a table of a limit over frequency (CSV), pasted",
   spellcheck: "false",
+  oninput: () => fit(),
   onkeydown: (event) => {
     if (event.key !== "Enter" || event.shiftKey || limit.value.includes("\n")) return;
     event.preventDefault();
@@ -21,6 +22,7 @@ const band = h("input", { type: "text", id: "limit-band", placeholder: "all freq
 const words = h("output", { for: "limit limit-band", class: "verdict" });
 const gaps = h("details", { class: "gaps soft", hidden: true });
 export const KINDS = { pass: "pass", fail: "fail", "not judged": "unclear" };
+const ROWS = 4; // of a table that are seen at once
 const asking = latest();
 const listeners = new Set();
 let found = null; // {run, verdict}
@@ -36,6 +38,12 @@ export const bar = h(
   gaps,
 );
 
+/** As many rows as a table has, up to some. */
+function fit() {
+  limit.rows = Math.min(limit.value.trim().split("\n").length, ROWS);
+  limit.scrollTop = 0;
+}
+
 /** The query that says which limit holds; nothing where there is none. */
 export const query = () => ({ limit: limit.value.trim() || undefined, band: band.value.trim() || undefined });
 
@@ -45,6 +53,7 @@ export const verdictOf = (run) => (found?.run === run ? found.verdict : null);
 export function makeLimit(listener) {
   listeners.add(listener);
   keepFields("limit", { limit, band });
+  fit();
   for (const input of [limit, band]) input.addEventListener("change", update);
 }
 

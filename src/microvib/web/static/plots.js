@@ -29,6 +29,9 @@ dark.addEventListener("change", () => plots.forEach(({ data, layout }, place) =>
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 export const ink = () => colour("--ink");
 
+/** The page's ground, under words that stand on curves; part of what is below shows through. */
+export const ground = () => `${colour("--paper").replace(/^#(.)(.)(.)$/, "#$1$1$2$2$3$3")}c4`;
+
 /** Draw or redraw a plot; texts and lines take the page's colours. */
 export async function draw(place, data, layout) {
   if (!plots.has(place)) place.after(plotExports(place, () => colour("--paper")));

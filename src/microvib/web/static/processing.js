@@ -1,11 +1,13 @@
-// How a recording is processed: which section, which averages, beside which background, in which bands. The fields are those of
+// How a recording is processed: which section, which averages, beside which background, in which bands, against which limit. The fields are those of
 // `microvib analyse`, and so are the refusals.
 
+import { describedField } from "./described.js";
 import { h } from "./dom.js";
 import { keepFields } from "./kept.js";
 
 const AVERAGES = { none: "one spectrum of all samples", linear: "linear averages", "peak-hold": "peak hold", exponential: "exponential averages" };
 const WINDOWS = { hann: "Hann", "flat-top": "flat-top", rectangular: "rectangular" };
+const LIMIT = "60 mN*m";
 const BANDS = "low_hz,high_hz,limit_mn_m\n2,20,15\n20,80,70";
 
 const text = (name, placeholder, title) => h("input", { type: "text", name, class: "short", id: `processing-${name}`, placeholder, title, spellcheck: "false" });
@@ -14,6 +16,7 @@ const labelled = (words, field) => h("label", {}, words, field);
 
 /** The form; `onSection([from, to])` hears which part of the record it states [s], null for what it does not. */
 export function makeProcessing(onSection) {
+  const limit = describedField("processing-limit", "a torque, or a curve over frequency (CSV)", { rows: 3, placeholder: LIMIT, accept: ".csv,.txt,text/csv" });
   const fields = {
     from: text("from", "start"),
     to: text("to", "end"),
@@ -27,6 +30,8 @@ export function makeProcessing(onSection) {
     background: h("select", { name: "background", id: "processing-background", onfocus: () => fill() }),
     bands: h("textarea", { name: "bands", id: "processing-bands", rows: 3, placeholder: BANDS, spellcheck: "false" }),
     roll_off: text("roll_off", "0.2 or less"),
+    limit: limit.input,
+    limit_band: h("input", { type: "text", name: "limit_band", id: "processing-limit_band", placeholder: "everywhere", spellcheck: "false" }),
   };
   let choices = async () => [];
   const element = h(
@@ -40,11 +45,17 @@ export function makeProcessing(onSection) {
       h("summary", {}, "Bands with a limit each"),
       h("div", { class: "ask" }, labelled("a row for each band: its ends and the largest magnitude that its time history may have (CSV)", fields.bands), labelled("roll-off", fields.roll_off)),
     ),
+    h("details", { class: "limit-asked" }, h("summary", {}, "Limit of the lines"), h("div", { class: "ask" }, limit.element, labelled("in band", fields.limit_band))),
   );
   keepFields("processing", Object.fromEntries(Object.entries(fields).filter(([name]) => name !== "background")));
   for (const name of ["from", "to", "trigger"]) fields[name].addEventListener("input", () => onSection(stated()));
-  if (fields.bands.value.trim()) element.querySelector("details").open = true;
+  unfold();
   offer([]);
+
+  /** Open what has something in it. */
+  function unfold() {
+    for (const name of ["bands", "limit"]) if (fields[name].value.trim()) fields[name].closest("details").open = true;
+  }
 
   /** Ends of the section in seconds, where they are stated in a unit that is known here. */
   function stated() {
@@ -75,6 +86,7 @@ export function makeProcessing(onSection) {
 
   const given = (name) => fields[name].value.trim() || undefined;
   const figure = (name) => (Number.isFinite(Number(given(name))) ? Number(given(name)) : given(name)); // the server refuses what is none
+  const limited = () => ({ limit: given("limit"), limit_band: given("limit_band") });
   const section = () => Object.fromEntries(["from", "to", "trigger", "pre_trigger", "unit"].map((name) => [name, given(name)]));
 
   return {
@@ -90,12 +102,16 @@ export function makeProcessing(onSection) {
       background: given("background"),
       bands: fields.bands.value.trim() ? fields.bands.value : undefined,
       roll_off: figure("roll_off"),
+      ...limited(),
     }),
+    /** The limit of a request that processes nothing. */
+    limited,
     state,
     stated,
     /** Put into the fields what a request of before said. */
     take: (asked) => {
       for (const [name, field] of Object.entries(fields)) if (name !== "background") field.value = asked[name] ?? USUAL[name] ?? "";
+      unfold();
       onSection(stated());
     },
     /** Where recordings that may be the background come from. */

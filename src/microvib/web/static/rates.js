@@ -4,7 +4,7 @@ import { post } from "./api.js";
 import { describedField } from "./described.js";
 import { announce, h, number } from "./dom.js";
 import { amplitudeAxis, onUnits, shown } from "./measures.js";
-import { draw, ink } from "./plots.js";
+import { draw, ground, ink } from "./plots.js";
 import { keepFields } from "./kept.js";
 import { modeNames, together } from "./labels.js";
 import { makeTask } from "./progress.js";
@@ -179,6 +179,8 @@ function drawCampbell(place, plan, counts) {
         yanchor: "bottom",
         showarrow: false,
         font: { size: 10 },
+        bgcolor: ground(),
+        borderpad: 0,
       });
     layout.shapes.push(...bands(plan, n, tail));
   });

@@ -4,17 +4,17 @@ import { get } from "./api.js";
 import { has } from "./channels.js";
 import { addCursors } from "./cursors.js";
 import { basesOf } from "./orders.js";
-import { announce, h, unitText } from "./dom.js";
+import { announce, debounce, h, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
+import { textWidth, together } from "./labels.js";
 import { latest } from "./latest.js";
 import { amplitudeAxis, densityAxis, onUnits } from "./measures.js";
-import { bounds, draw, onZoom, stretch } from "./plots.js";
+import { bounds, draw, ground, onZoom, stretch } from "./plots.js";
+import { limitCurve, limitLine, limitName, namesOfLines, scaled, seen } from "./spectrum_marks.js";
 import * as runs from "./runs.js";
 import { BACKGROUND, LINE, RECORDED } from "./styles.js";
 
 const HIGHEST = 200;
-
-const seen = ({ lines }) => lines.filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor");
 
 /** A card with one picture; `ask(analysis, window)` gets its data, `paint(analysis, view, data)` makes traces and layout of it. */
 function picture(key, title, { ask, paint, log = true, more = [] }) {
@@ -27,6 +27,7 @@ function picture(key, title, { ask, paint, log = true, more = [] }) {
   const bar = h("div", { class: "bar" }, h("h2", {}, title), logY, low, all, more, note);
   const asking = latest();
   let shown = null;
+  let last = null; // what is drawn
   let listening = false;
 
   function set(changes) {
@@ -42,14 +43,21 @@ function picture(key, title, { ask, paint, log = true, more = [] }) {
       (signal) => ask(analysis, { ...stretch(view.window), points: 4000 }, { signal }),
       async (data) => {
         logY.setAttribute("aria-pressed", String(view.log));
-        const [traces, layout] = paint(analysis, view, data);
-        await draw(plot, traces, layout);
+        await repaint(analysis, data);
         if (!listening) onZoom(plot, ({ x = view.window, y = view.y }) => set({ window: x ?? [0, HIGHEST], y }));
         listening = true;
       },
     ).catch((error) => announce(error.message, { error: true }));
   }
 
+  async function repaint(analysis, data) {
+    last = [analysis, data];
+    const area = areaOf(plot);
+    await draw(plot, ...paint(analysis, view, data, area));
+    if (String(area) !== String(areaOf(plot))) await draw(plot, ...paint(analysis, view, data, areaOf(plot))); // names have their places in pixels
+  }
+
+  new ResizeObserver(debounce(() => last && plot.clientWidth && repaint(...last), 200)).observe(plot);
   onUnits(() => set({ y: null }));
   const card = h("section", { class: "card" }, bar, plot);
   addCursors(plot, "frequency", () => basesOf(runs.selected()?.result));
@@ -62,6 +70,14 @@ function picture(key, title, { ask, paint, log = true, more = [] }) {
       return update();
     },
   };
+}
+
+const AROUND = 76; // margins of a plot, before it has been drawn
+
+/** Width and height of a plot within its axes. */
+function areaOf(plot) {
+  const size = plot._fullLayout?._size;
+  return size ? [Math.round(size.w), Math.round(size.h)] : [plot.clientWidth - AROUND, plot.clientHeight - AROUND];
 }
 
 const recorded = ({ id }, of, query, options) => get(`/api/analyses/${id}/spectrum`, { of, ...query }, options);
@@ -113,11 +129,16 @@ async function beside({ run_channel: channel }, query, options) {
   return found && { run, channel, ...found };
 }
 
-function paintSpectrum(analysis, view, [{ f, values }, other, off]) {
+function paintSpectrum(analysis, view, [{ f, values }, other, off], area) {
   const axis = amplitudeAxis(analysis.unit);
   const unit = axis.printed ?? unitText(analysis.unit);
   const log = view.log && !axis.dB;
-  const largest = Math.max(...values, ...seen(analysis).map((line) => line.amplitude_n_m), 1e-15);
+  const { limit } = analysis;
+  const largest = Math.max(...values, ...seen(analysis).map((line) => line.amplitude_n_m), limit?.torque ?? 0, 1e-15);
+  const x = view.window ?? [0, f.at(-1)];
+  const y = view.y ?? bounds(axis.y(largest), view.log, axis.dB);
+  const axes = scaled({ x, y, axis: { ...axis, printed: unit }, logX: false, logY: view.log, area });
+  const mains = mainsOf(analysis, axes);
   const curve = {
     x: f,
     y: values.map(axis.y),
@@ -127,16 +148,27 @@ function paintSpectrum(analysis, view, [{ f, values }, other, off]) {
     hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
   };
   return [
-    [...(other ? [under(other, axis)] : []), ...(off ? background(off, analysis, unit, axis) : []), curve, marks(seen(analysis), unit, axis)],
+    [
+      ...(other ? [under(other, axis)] : []),
+      ...(off ? background(off, analysis, unit, axis) : []),
+      curve,
+      marks(seen(analysis), unit, axis),
+      ...limitCurve(limit, axes.axis),
+    ],
     {
-      xaxis: { title: { text: "frequency [Hz]" }, range: view.window ?? [0, f.at(-1)] },
+      xaxis: { title: { text: "frequency [Hz]" }, range: x },
       yaxis: {
         title: { text: `amplitude [${unit}], ${axis.words}` },
         type: log ? "log" : "linear",
         dtick: log ? 1 : undefined,
-        range: view.y ?? bounds(axis.y(largest), view.log, axis.dB),
+        range: y,
       },
-      ...mains(analysis),
+      shapes: [...mains.shapes, ...limitLine(limit, axes)],
+      annotations: [
+        ...mains.annotations,
+        ...namesOfLines(seen(analysis), axes, limit, { unit: analysis.unit, kept: mains.boxes }),
+        ...limitName(limit, axes, analysis.unit),
+      ],
     },
   ];
 }
@@ -156,13 +188,25 @@ function background({ f, values }, { background_lines: lines }, unit, axis) {
   return [{ ...spectrum, hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unit}<extra></extra>` }, ...(lines.length ? [marked] : [])];
 }
 
-/** Places of lines that may be pick-up of the mains. */
-function mains({ mains: found = [], background_lines: off = [] }) {
+const SIZE = 10; // of the mains' names
+const UP = 0.06; // of their places, over the lower edge
+
+/** Places of lines that may be pick-up of the mains, their names at the foot of the picture, and the boxes that these take. */
+function mainsOf({ mains: found = [], background_lines: off = [] }, axes) {
   const marked = [...found, ...off.filter((line) => line.mains).map((line) => ({ frequency: line.frequency_hz, mains: line.mains }))];
-  const places = [...new Map(marked.map((one) => [one.mains, one])).values()];
+  const places = [...new Map(marked.map((one) => [one.mains, one])).values()].filter(({ frequency }) => axes.sees(frequency));
+  const named = together(places, ({ frequency }) => axes.right(frequency), 1.4 * SIZE).map(([first, ...others]) => ({
+    frequency: first.frequency,
+    words: ["mains?", [first, ...others].map(({ mains }) => mains).join(", ")].join(" "),
+  }));
+  const foot = (1 - UP) * axes.height;
   return {
     shapes: places.map(({ frequency: x }) => ({ type: "line", x0: x, x1: x, yref: "paper", y0: 0, y1: 1, line: { color: BACKGROUND, width: 0.9, dash: "dot" } })),
-    annotations: places.map(({ frequency: x, mains: words }) => ({ x, yref: "paper", y: 1, yanchor: "top", xanchor: "left", textangle: -90, showarrow: false, text: `mains? ${words}`, font: { size: 10, color: BACKGROUND } })),
+    annotations: named.map(({ frequency: x, words: text }) => ({ x, yref: "paper", y: UP, yanchor: "bottom", xanchor: "left", textangle: -90, showarrow: false, text, font: { size: SIZE, color: BACKGROUND }, bgcolor: ground() })),
+    boxes: named.map(({ frequency, words }) => {
+      const left = axes.right(frequency);
+      return { left, right: left + 1.6 * SIZE, top: foot - textWidth(words, SIZE), bottom: foot };
+    }),
   };
 }
 

@@ -16,6 +16,7 @@ import { makeHistory } from "./recorded_history.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
 import { makeSeveral } from "./several.js";
+import { factList } from "./study.js";
 import { partContent } from "./tables.js";
 import { makeTracking } from "./tracking.js";
 import { makeWaterfall } from "./waterfall.js";
@@ -57,7 +58,7 @@ const tracking = makeTracking(() => ({
   section: { ...processing.section(), ...preparation.asked() },
 }));
 const several = makeSeveral(
-  () => ({ channel: channel.value || "Mz", processing: processing.asked(), preparing: preparation.asked() }),
+  () => ({ channel: channel.value || "Mz", processing: processing.asked(), limited: processing.limited(), preparing: preparation.asked() }),
   (recordings) => [hammer, acceptance].forEach((one) => one.offer(recordings)),
 );
 const hammer = makeHammer(preparation.correctBy);
@@ -242,6 +243,7 @@ function showAnalysis(answer, _, id) {
   const others = answer.parts.filter(({ title }) => ["Orders of the electrical period", "Other lines", "Lines with the drive off"].includes(title));
   lines.replaceChildren(
     ...spoken(answer.parts[0]),
+    ...judged(answer),
     ...(found ? partContent(found) : [h("p", { class: "soft" }, NO_LINES)]),
     ...others.flatMap((part) => [h("h3", {}, part.title), ...partContent(part)]),
   );
@@ -258,6 +260,13 @@ function showAnalysis(answer, _, id) {
   ]);
 }
 
+/** What the limit says: leading figures, the sentence, and the lines that are nearest to it. */
+function judged({ facts, limit, parts }) {
+  if (!limit) return [];
+  const part = parts.find(({ title }) => title === "Against the limit");
+  return [h("h3", {}, "Against the limit"), factList(facts.filter(({ status }) => status)), ...partContent(part)];
+}
+
 /** Notes on the recording, as the report's first part has them. */
 function spoken(first) {
   const pairs = first?.items.find(({ kind }) => kind === "pairs");
@@ -272,7 +281,7 @@ function compare() {
     comparison.replaceChildren(h("p", { class: "error", role: "alert" }, missing));
     return;
   }
-  const body = { ...preparation.asked(), recording: recording.id, run: run.id, channel: channel.value };
+  const body = { ...preparation.asked(), ...processing.limited(), recording: recording.id, run: run.id, channel: channel.value };
   comparisons.start(`Comparison with ${run.name}`, () => post("/api/comparisons", body));
 }
 

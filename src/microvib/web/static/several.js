@@ -24,7 +24,7 @@ export function makeSeveral(evidence, onList = () => {}) {
     "section",
     { class: "card", id: "several" },
     h("h2", {}, "Several recordings"),
-    h("p", { class: "soft" }, "Of the recordings that the server has. Runs of one unit are repetitions; the channel is the one above. Process alike takes section, averages, background and bands from there, too."),
+    h("p", { class: "soft" }, "Of the recordings that the server has. Runs of one unit are repetitions; the channel is the one above. Process alike takes section, averages, background, bands and limit from there, too; Compare two, the limit."),
     list,
     h("div", { class: "bar" }, button("Compare two", compare), button("Repeatability", repeat), button("Process alike", alike)),
     place,
@@ -68,8 +68,8 @@ export function makeSeveral(evidence, onList = () => {}) {
     const two = ticked();
     if (two.length !== 2) return announce("Tick two recordings: the first is A, the second B.", { error: true });
     leave();
-    const { channel, preparing } = evidence();
-    const body = { ...preparing, recording: two[0].id, other: two[1].id, channel, scenario: scenario.current() };
+    const { channel, limited, preparing } = evidence();
+    const body = { ...preparing, ...limited, recording: two[0].id, other: two[1].id, channel, scenario: scenario.current() };
     return tasks.comparison.start("Comparison of two recordings", () => post("/api/comparisons", body));
   }
 

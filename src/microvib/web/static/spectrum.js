@@ -4,19 +4,16 @@ import { excited, fillChannels, has } from "./channels.js";
 import { addCursors } from "./cursors.js";
 import { announce, debounce, h, number, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
-import { about, modeNames, placed, together } from "./labels.js";
+import { modeNames, together } from "./labels.js";
 import { latest } from "./latest.js";
-import { amplitudeAxis, onUnits, shown as inUnits } from "./measures.js";
+import { amplitudeAxis, onUnits } from "./measures.js";
 import { basesOf, orderTicks } from "./orders.js";
 import { bounds, draw, ink, onZoom, pointsFor, stretch } from "./plots.js";
 import * as runs from "./runs.js";
-import { LIMIT } from "./styles.js";
+import { limitCurve, limitLine, limitName, namesOfLines, scaled, seen } from "./spectrum_marks.js";
 import { verdictOf } from "./limit.js";
 
 const HIGHEST = 200;
-const NAMED = 8; // lines at most; half of them in a picture that is narrow [px]
-const NARROW = 400;
-const WORTH = 0.005; // of the largest line that is seen, from which another has a name
 const LOWEST = 0.1; // of a logarithmic axis, unless the first bin is lower [Hz]
 const NAMES = 3; // of curves, beyond which the runs' list alone has them
 const SIZE = 10.5; // of names
@@ -101,7 +98,7 @@ async function show(shown, spectra) {
   const named = shown.length <= NAMES;
   const traces = shown.flatMap((run, k) => [{ ...curve(run, spectra[k]), showlegend: named }, ...(view.channel === "T_d" ? [dots(run)] : [])]);
   if (view.channel === "T_d") traces.push(...referenceDots(shown));
-  traces.push(...limitCurve(view.channel === "T_d" ? verdictOf(shown.at(-1)) : null));
+  traces.push(...limitCurve(view.channel === "T_d" ? verdictOf(shown.at(-1)) : null, axis));
   const measured = String(area());
   await draw(plot, traces, layout(shown, spectra));
   if (measured !== String(area())) await draw(plot, traces, layout(shown, spectra)); // names have their places in pixels
@@ -139,10 +136,8 @@ function curve(run, spectrum) {
   };
 }
 
-const seenLines = (run) => run.result.lines.filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor");
-
 function dots(run) {
-  const lines = seenLines(run);
+  const lines = seen(run.result);
   return {
     x: lines.map((line) => line.frequency_hz),
     y: lines.map((line) => axis.y(line.amplitude_n_m)),
@@ -178,7 +173,7 @@ function layout(shown, spectra) {
   const lowest = Math.max(low, Math.min(...spectra.map((one) => one.resolution), LOWEST));
   const x = view.logX ? [Math.log10(lowest), Math.log10(high)] : [low, high];
   const y = view.y ?? bounds(axis.y(largest), view.logY, axis.dB);
-  const axes = scaled(x, y);
+  const axes = scaled({ x, y, axis, logX: view.logX, logY: view.logY, area: area() });
   note.textContent = spectra.length ? `${axis.words}, Hann window` : "";
   return {
     xaxis: { ...frequencies(lowest, low, high), type: view.logX ? "log" : "linear", range: x },
@@ -189,7 +184,7 @@ function layout(shown, spectra) {
       dtick: view.logY && !axis.dB ? 1 : undefined,
     },
     annotations: [
-      ...(run && view.channel === "T_d" ? names(run, axes, limit) : []),
+      ...(run && view.channel === "T_d" ? namesOfLines(seen(run.result), axes, limit) : []),
       ...namesOfModes(run, axes),
       ...limitName(limit, axes),
     ],
@@ -204,73 +199,6 @@ function frequencies(lowest, low, high) {
   if (!base) return { title: { text: "frequency [Hz]" } };
   const title = { text: `order, multiples of the ${view.orders}, ${number(base, 5)} Hz` };
   return { title, ...orderTicks(view.logX ? lowest : low, high, base, view.logX) };
-}
-
-/** Where values lie: in the units of the axes, and in pixels from the left and the top. */
-function scaled(x, y) {
-  const [width, height] = area();
-  const onX = (f) => (view.logX ? Math.log10(Math.max(f, 1e-9)) : f);
-  const onY = (amplitude) => {
-    const value = axis.y(Math.max(amplitude, 1e-30));
-    return view.logY && !axis.dB ? Math.log10(value) : value;
-  };
-  const right = (f) => ((onX(f) - x[0]) / (x[1] - x[0])) * width;
-  const down = (amplitude) => ((y[1] - onY(amplitude)) / (y[1] - y[0])) * height;
-  const sees = (f) => right(f) >= 0 && right(f) <= width;
-  return { width, height, onX, onY, right, down, sees };
-}
-
-/** Names of the lines that decide a verdict, the worst first: those above the limit, or the one nearest to it. */
-function deciding(limit) {
-  const judged = (limit?.margins ?? []).filter(({ verdict }) => verdict !== "not judged");
-  const above = judged.filter(({ verdict }) => verdict === "fail");
-  return (above.length ? above : judged.slice(0, 1)).map(({ line }) => line);
-}
-
-/** Names of the lines that decide the verdict, and of the strongest that are seen, where there is room. */
-function names(run, axes, limit) {
-  const inside = seenLines(run).filter(
-    (line) => axes.sees(line.frequency_hz) && axes.down(line.amplitude_n_m) > 0 && axes.down(line.amplitude_n_m) < 0.93 * axes.height,
-  );
-  const top = Math.max(...inside.map((line) => line.amplitude_n_m));
-  const rank = ({ kind }) => ({ "array mode": 0, sideband: 2, other: 2 })[kind] ?? 1;
-  const first = deciding(limit);
-  const turn = ({ line }) => (first.includes(line) ? first.indexOf(line) : first.length);
-  inside.sort((a, b) => turn(a) - turn(b) || rank(a) - rank(b) || b.amplitude_n_m - a.amplitude_n_m);
-  const dots = inside.map((line) => about(axes.right(line.frequency_hz), axes.down(line.amplitude_n_m), 4));
-  if (isOneNumber(limit)) {
-    const y = axes.down(limit.torque);
-    dots.push({ left: axes.width - 100, right: axes.width, top: y - 15, bottom: y }); // its name
-    dots.push({ left: 0, right: axes.width, top: y - 2, bottom: y + 2 });
-  }
-  const worth = inside.filter(
-    (line) => line.amplitude_n_m > WORTH * top || line.kind === "array mode" || first.includes(line.line),
-  );
-  const wanted = worth.slice(0, 3 * NAMED).map((line) => ({
-    line,
-    x: axes.right(line.frequency_hz),
-    y: axes.down(line.amplitude_n_m),
-    size: SIZE,
-    optional: rank(line) === 2 && !first.includes(line.line),
-    lines: [line.line, `${number(line.frequency_hz, 4)} Hz · ${inUnits(line.amplitude_n_m, "N*m", 3)}`],
-  }));
-  return placed(wanted, axes, dots)
-    .slice(0, axes.width < NARROW ? NAMED / 2 : NAMED)
-    .map(({ line, lines, ax, ay, xanchor }) => ({
-      x: axes.onX(line.frequency_hz),
-      y: axes.onY(line.amplitude_n_m),
-      text: `<b>${lines[0]}</b><br>${lines[1]}`,
-      showarrow: true,
-      arrowhead: 0,
-      arrowwidth: 0.8,
-      arrowcolor: ink(),
-      ax,
-      ay,
-      xanchor,
-      yanchor: "bottom",
-      align: xanchor,
-      font: { size: SIZE },
-    }));
 }
 
 const modesIn = (run, axes) => (run?.result?.modes ?? []).filter((mode) => axes.sees(mode.frequency) && mode.damping < 0.3);
@@ -303,43 +231,4 @@ function modes(run, axes) {
     line: { color: ink(), width: 0.8, dash: "dot" },
     opacity: 0.6,
   }));
-}
-
-const span = ({ low, high }, axes) => [
-  Math.max(axes.right(low), 0) / axes.width,
-  Math.min(high === null ? axes.width : axes.right(high), axes.width) / axes.width,
-];
-
-/** A limit over frequency; in a mode of its own, so that no cursor takes it for a spectrum. */
-function limitCurve(limit) {
-  if (!limit?.curve) return [];
-  return [
-    {
-      x: limit.curve.map(([f]) => f),
-      y: limit.curve.map(([, torque]) => axis.y(torque)),
-      name: "limit",
-      mode: "lines+markers",
-      line: { color: LIMIT, width: 2 },
-      marker: { color: LIMIT, size: 4 },
-      hovertemplate: `limit<br>%{x:.5g} Hz<br>%{y:.4g} ${axis.printed}<extra></extra>`,
-    },
-  ];
-}
-
-const isOneNumber = (limit) => Boolean(limit) && limit.torque !== null && !limit.curve;
-
-function limitLine(limit, axes) {
-  if (!isOneNumber(limit)) return [];
-  const [x0, x1] = span(limit, axes);
-  const line = { color: LIMIT, width: 2 };
-  return x0 < x1 ? [{ type: "line", xref: "paper", x0, x1, y0: axis.y(limit.torque), y1: axis.y(limit.torque), line }] : [];
-}
-
-function limitName(limit, axes) {
-  if (!isOneNumber(limit)) return [];
-  const [x0, x1] = span(limit, axes);
-  const text = `limit ${inUnits(limit.torque, "N*m", 3)}`;
-  const font = { size: SIZE, color: LIMIT };
-  const place = { xref: "paper", x: x1, y: axes.onY(limit.torque), xanchor: "right", yanchor: "bottom", showarrow: false };
-  return x0 < x1 ? [{ ...place, text, font }] : [];
 }

@@ -63,17 +63,17 @@ export function table(columns, rows, { caption, sort } = {}) {
 const ITEMS = {
   text: ({ text, note }) => [h("p", { class: note ? "soft" : null }, text)],
   pairs: ({ rows }) => [h("dl", {}, ...rows.map(([name, words]) => h("div", {}, h("dt", {}, name), h("dd", {}, words))))],
-  picture: ({ title, caption, source }) => [
-    ...picture(source, title),
+  picture: ({ title, caption, source, points }) => [
+    ...picture(source, title, points),
     caption && h("p", { class: "soft" }, caption),
   ],
   table: (item, title) => (item.rows.length ? [textTable(item, title)] : []),
 };
 
-/** A picture that the server drew, and what to take it away as. */
-export function picture(source, title) {
+/** A picture that the server drew, with the points of its curves where it sent them, and what to take it away as. */
+export function picture(source, title, points) {
   const image = h("img", { src: source, alt: title });
-  return [h("div", { class: "wide" }, image), pictureExports(image, title || "picture")];
+  return [h("div", { class: "wide" }, image), pictureExports(image, title || "picture", points)];
 }
 
 /** What stands in one part of a study's outcome, as `page_part` gives it. */
