@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.commands import SHORT, microvib
+from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.limits import judge
+from microvib.io.recordings import write_recording
 from microvib.reports.figures import draw_first_page, governing_lines, spectrum_upper_end
 from microvib.reports.run.lines import main_lines
 from microvib.reports.sheets import svg
@@ -25,6 +27,8 @@ from microvib.studies.campaign.statistics import (
     line_statistics,
 )
 from microvib.studies.rates import plan_rates
+from microvib.studies.recording_limits import judge_recording
+from microvib.testdata.recording import Recording
 from microvib.units import Si
 
 ROOT = Path(__file__).parents[1]
@@ -102,6 +106,38 @@ def test_what_is_no_curve_is_told_before_anything_is_computed(folder):
         cwd=folder,
     )  # fmt: skip
     assert "looks at the torque about the drive axis alone" in done.output
+
+
+@pytest.fixture(scope="module")
+def own_torque():
+    """The torque of state 1 in its steady state, by a factor and with a little noise, as a recording."""
+    motion = mv.simulate("state-1", start="steady")
+    noise = np.random.default_rng(1).normal(0.0, 1e-6, motion["T_d"].size)
+
+    def times(factor: float) -> Recording:
+        channels = {"Mz": factor * motion["T_d"] + noise}
+        return Recording(channels, motion.sample_rate, {"Mz": "N*m"}, "made")
+
+    return times
+
+
+@pytest.mark.parametrize(
+    ("factor", "verdict"), [(1.0, "pass"), (1e-3, "not judged"), (-1.0, "pass"), (0.2, "pass")]
+)
+def test_a_recording_in_another_unit_passes_no_limit(own_torque, factor, verdict):
+    """A quieter drive of another level passes, and a sign changes no amplitude."""
+    recording, limit = own_torque(factor), limit_of(0.070, 5.0, 1000.0)
+    assert judge_recording(recording, limit, scenario="state-1").verdict == verdict
+    assert judge_recording(recording, limit).verdict == "pass"  # nothing says what it should be
+
+
+def test_each_command_says_in_which_unit_a_recording_would_be_as_the_scenario(own_torque, tmp_path):
+    write_recording(own_torque(1e-3), tmp_path / "own.mat")
+    beside = ("--scenario", "state-1", "--limit", "70 mN*m", "--overwrite", "-o", "judged")
+    for command in (("analyse", "own.mat"), ("compare", "own.mat", "own.mat"), ("envelope", "own.mat")):  # fmt: skip
+        done = microvib(*command, *beside, cwd=tmp_path)
+        assert done.exit_code == 0, done.output
+        assert "multiplied by 1000 would be like B" in done.output, command
 
 
 def test_recordings_are_judged_by_the_column_of_their_channel(folder):

@@ -227,10 +227,10 @@ def _conclusion(test: AcceptanceTest) -> Iterator[str]:
     if test.repeatability is not None:
         for name, part in test.repeatability.outlying_runs.items():
             yield f"{file_name(name)} is an outlier in most of its lines ({100.0 * part:+.3g} %): it stays in."
-    if test.held_against is not None:
+    if test.comparison is not None:
         open_yet = "Not passed while this is open: " if test.is_misread else ""
-        a, b = test.held_against.a.name, test.held_against.b.name
-        for sentence in misread(*test.held_against):
+        a, b = test.comparison.a.name, test.comparison.b.name
+        for sentence in misread(*test.comparison):
             yield f"{open_yet}of {file_name(a)} (A) and {file_name(b)} (B), {sentence}"
 
 

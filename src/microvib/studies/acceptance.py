@@ -47,8 +47,6 @@ class AcceptanceTest:
     comparison: Comparison | None
     """The first run against the reference; None without one."""
     hammer: HammerTest | None
-    beside_scenario: Comparison | None = None
-    """The first run against the scenario, where a limit is judged and there is no other reference."""
 
     @property
     def verdict(self) -> Verdict:
@@ -59,14 +57,9 @@ class AcceptanceTest:
         return found
 
     @property
-    def held_against(self) -> Comparison | None:
-        """The first run against the reference, or without one against the scenario."""
-        return self.comparison or self.beside_scenario
-
-    @property
     def is_misread(self) -> bool:
-        """Whether the first run is in another unit or on another axis than what it is held against."""
-        return self.held_against is not None and misreads_amplitudes(*self.held_against)
+        """Whether the first run is in another unit or on another axis than the reference."""
+        return self.comparison is not None and misreads_amplitudes(*self.comparison)
 
     @property
     def run_warnings(self) -> tuple[str, ...]:
@@ -127,22 +120,17 @@ def acceptance(  # noqa: PLR0913 - keyword options
             judgement = judge_recording(run.source, limit, channel=channel, scenario=guide)
         judged_runs.append(JudgedRun(run, found, judgement))
 
-    def against(other: Source, name: str) -> Comparison:
-        return compare(
-            other,
+    compared = None
+    if reference is not None:
+        compared = compare(
+            reference,
             runs[0].source,
-            names=(name, runs[0].name),
+            names=(reference_name, runs[0].name),
             scenario=guide,
             channel=channel,
             progress=progress,
         )
-
-    compared = beside = None
-    if reference is not None:
-        compared = against(reference, reference_name)
-    elif guide is not None and limit is not None:
-        beside = against(guide, guide.title or "the scenario")
     repeated = None
     if len(runs) > 1:
         repeated = repeatability(runs, scenario=guide, channels=[channel])
-    return AcceptanceTest(tuple(judged_runs), channel, limit, repeated, compared, hammer, beside)
+    return AcceptanceTest(tuple(judged_runs), channel, limit, repeated, compared, hammer)

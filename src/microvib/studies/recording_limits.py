@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from microvib.analysis.limits import Judgement, judge_channel
 from microvib.analysis.lines import lines_of_recording, shortest_judged_record
 from microvib.analysis.orders import lines_without_clock
 from microvib.analysis.usable import with_force_table
-from microvib.errors import OptionError, expect
+from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
 from microvib.model.rigid import COMPONENTS
-from microvib.model.scenario import GivenScenario, as_scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.limit_curve import Limit
 from microvib.signals.line_fit import with_background
 from microvib.signals.line_table import LineTable
+from microvib.studies.compare import compare, misread, misreads_amplitudes
 from microvib.testdata.recording import Recording, require_usable_channel
 
 
@@ -30,7 +32,8 @@ def judge_recording(
 
     The limit's curve of that load counts, or where it has none that of the torque about the drive
     axis. Beyond the recording's passband, and where its force table does not show what there is,
-    nothing is judged.
+    nothing is judged. Nor does a torque pass that would be like the scenario's in another unit, or
+    has its lines on another axis.
 
     Parameters
     ----------
@@ -41,7 +44,8 @@ def judge_recording(
     channel : str
         Channel whose lines are judged.
     scenario : Scenario, str or path, optional
-        The drive that was measured, which gives its lines names.
+        The drive that was measured, which gives its lines names, and is simulated to see whether the
+        torque is in the unit that it says.
 
     Returns
     -------
@@ -74,7 +78,25 @@ def judge_recording(
             f" the scenario's drive axis, {axis}",
         )
     table = lines_of_channel(source, channel, guide)
-    return judge_channel(table, limit, channel if channel in COMPONENTS else "")
+    judged = judge_channel(table, limit, channel if channel in COMPONENTS else "")
+    return replace(judged, gaps=(*judged.gaps, *misread_gaps(source, channel, guide)))
+
+
+def misread_gaps(source: Prepared, channel: str, scenario: Scenario | None) -> tuple[str, ...]:
+    """Why a torque about the drive axis is not what a limit is about: its lines are those of the scenario,
+    which is simulated, in another unit, or those of another axis. Empty for another load, without a
+    scenario, and where they cannot be compared.
+    """
+    if scenario is None or (channel in COMPONENTS and channel != f"M{scenario.array.drive_axis}"):
+        return ()
+    try:
+        found = compare(source, scenario, channel=channel)
+    except MicrovibError:
+        return ()
+    if not misreads_amplitudes(*found):
+        return ()
+    said = (sentence.removesuffix(".") for sentence in misread(*found))
+    return tuple(f"the recording (A) beside the scenario (B): {one}" for one in said)
 
 
 def judge_components(
