@@ -450,7 +450,7 @@ def test_a_load_that_the_run_lacks_is_not_judged_and_said_so(motion_1, state_1):
     judged = judge(table, limit, state_1)
     assert judged.verdict == "not judged"
     assert "Limit of Fx" in str(judged)
-    assert "Not judged: no load of this name is known of the run" in str(judged)
+    assert "not judged: no load of this name is known of the run" in str(judged)
     axis = state_1.array.drive_axis
     alone = judge(table, Limit.of_curves(None, {f"M{axis}": loose}), state_1)
     assert alone.verdict == "pass"  # on a fixed base that is the torque about the drive axis

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import importlib.util
 import json
 import math
 import subprocess
@@ -95,26 +96,34 @@ def test_intervals_that_do_not_hold_the_truth_are_counted(folder):
     assert row["amplitude in 95 %"] == "50.0"
 
 
-def test_intervals_of_both_halves_are_means_over_recordings(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks" / "open"))
-    from scoring import Score, coverage_row
+@pytest.fixture
+def scorer(monkeypatch):
+    """The benchmark's module of scores."""
+    folder = ROOT / "benchmarks" / "open"
+    monkeypatch.syspath_prepend(str(folder))
+    spec = importlib.util.spec_from_file_location("open_scorer", folder / "scoring.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "open_scorer", module)  # where dataclasses look for types
+    spec.loader.exec_module(module)
+    return module
 
+
+def test_intervals_of_both_halves_are_means_over_recordings(scorer):
     halves = [
-        Score(inside={"phase": [1.0, 0.8]}),
-        Score(inside={"phase": [0.9], "amplitude": [1.0]}),
+        scorer.Score(inside={"phase": [1.0, 0.8]}),
+        scorer.Score(inside={"phase": [0.9], "amplitude": [1.0]}),
     ]
-    row = coverage_row("mine", halves)
+    row = scorer.coverage_row("mine", halves)
     assert row == ["mine", "none stated", "100.0 of one", "90.0 ± 5.8"]
 
 
-def test_parameters_tell_how_far_they_are_off_over_what_is_stated(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks" / "open"))
-    from scoring import PARAMETER_HEADER, parameter_rows
-
+def test_parameters_tell_how_far_they_are_off_over_what_is_stated(scorer):
     row = {"key": "k", "estimate": "10", "low": "8", "high": "14", "identifiable": "yes"}
     truths = {"a": {"k": 11.0}, "b": {"k": 9.0}, "c": {"k": 15.0}}
-    (cells,) = parameter_rows(truths, [row | {"case": name} for name in truths])
-    told = dict(zip(PARAMETER_HEADER, cells, strict=True))
+    (cells,) = scorer.parameter_rows(truths, [row | {"case": name} for name in truths])
+    told = dict(zip(scorer.PARAMETER_HEADER, cells, strict=True))
     assert told["of these, truth in 95 %"] == "2 of 3"
     off = [1.96 * x for x in (1.0 / 4.0, 1.0 / 2.0, 5.0 / 4.0)]
     assert told["RMS error, deviations"] == f"{math.sqrt(sum(x * x for x in off) / 3.0):.2f}"

@@ -670,7 +670,7 @@ class TurningDrives:
         at = self._spread(frequency)
         each = np.repeat(forces, at.shape[1], axis=0)
         moved = [one.motion(at.ravel(), each).sum(axis=2).T for one in self.drives]
-        return [u.reshape(-1, *at.shape) for u in moved]
+        return [u.reshape(len(u), *at.shape) for u in moved]
 
     def of_motion(
         self,
