@@ -127,8 +127,10 @@ class VaryingDrive:
             moved = omega + 2.0 * math.pi * m * self.spring.frequency
             beside = one._replace(spring=one.spring.copy())
             beside.spring[ROTOR, ROTOR] = 0.0
-            each = np.abs(by @ beside.at(omega, moved)).max(axis=(1, 2))
-            part = of_spring + float(np.median(each))
+            part = of_spring
+            if any(one.any() for one in beside):
+                each = np.abs(by @ beside.at(omega, moved)).max(axis=(1, 2))
+                part += float(np.median(each))
             if m != 0.0 and part > _LEAST_PART:
                 found[m] = part
         return found
@@ -235,8 +237,7 @@ class VaryingDrive:
         by = self.craft.response(size, self.on.T, self.on)
         by = np.where((moved < 0.0)[:, None, None], by.conj(), by)
         r = len(self.directions)
-        between = self._between(at)
-        whole = self._whole(between, by.reshape(-1, at.size, r, r), 1.0)
+        whole = self._whole(self._mixing(at), by.reshape(-1, at.size, r, r), 1.0)
         q = np.linalg.solve(whole, np.broadcast_to(self._unit() + 0j, (at.size, whole.shape[1], r)))
         scale = np.array(
             [1.0, self.elements.drive.reducer.ratio, self.elements.drive.reducer.ratio]
@@ -265,44 +266,64 @@ class VaryingDrive:
             by = self.craft.extremes(size, torque, rows=rows)[1].reshape(k, m, 2 + r, r)
             pull = self._pull_at_most(frequency, by[:, :, 2:])
             with np.errstate(invalid="ignore"):
-                los = np.einsum("kmxi,mkij->jkmx", by[:, :, :2], pull) * self.margin
+                los = _by_torques(by[:, :, :2], pull) * self.margin
             return np.nan_to_num(los, nan=math.inf, posinf=math.inf)
         by = self.craft.response(size, torque, rows).reshape(k, m, 2 + r, r)
         by = np.where((at < 0.0).reshape(k, m, 1, 1), by.conj(), by)
         pull = self._pull(frequency, by[:, :, 2:])
-        los = np.abs(np.einsum("kmxi,mkij->jkmx", by[:, :, :2], pull))
+        los = np.abs(_by_torques(by[:, :, :2], pull))
         if not self.with_margins:
             return np.asarray(los)
         largest = _LEAST_PULL * np.abs(pull).max(axis=1, keepdims=True)
         least = np.where(self.orders == 0.0, 0.0, 1.0)[None, :, None, None] * largest
-        beside = np.einsum("kmxi,mkij->jkmx", np.abs(by[:, :, :2]), least)
+        beside = _by_torques(np.abs(by[:, :, :2]), least)
         return np.asarray(los * self.margin + beside)
 
-    def _between(self, frequency: np.ndarray) -> np.ndarray:
-        """Coefficients from order j to order k of loads at frequencies (m,) [Hz], (m, k, j, r, r)."""
-        k, r, chosen = self.orders.size, len(self.directions), list(self.directions)
+    @cached_property
+    def _coefficients(self) -> np.ndarray:
+        """Springs, and dampings before and after the change of frequency, from order j to order k, each
+        with all directions, (3, k r, k r).
+        """
+        k, r = self.orders.size, len(self.directions)
+        chosen = np.ix_(self.directions, self.directions)
+        none = np.zeros((3, r, r), dtype=complex)
+        apart = np.round(np.subtract.outer(self.orders, self.orders), ORDER_DIGITS) + 0.0
+        orders, place = np.unique(apart, return_inverse=True)
+        each = [
+            none if (one := self._all.get(m)) is None else np.array([part[chosen] for part in one])
+            for m in orders.tolist()
+        ]
+        found = np.array(each)[place.reshape(k, k)]  # (k, k, 3, r, r)
+        return found.transpose(2, 0, 3, 1, 4).reshape(3, k * r, k * r)
+
+    def _mixing(self, frequency: np.ndarray) -> np.ndarray:
+        """Stiffness from order j to order k of loads at frequencies (m,) [Hz], (m, k r, k r)."""
         omega = 2.0 * np.pi * (frequency[:, None] + self.orders * self.spring.frequency)
-        found = np.zeros((frequency.size, k, k, r, r), dtype=complex)
-        for i in range(k):
-            for j in range(k):
-                one = self._all.get(round(float(self.orders[i] - self.orders[j]), ORDER_DIGITS))
-                if one is not None:
-                    each = one.at(omega[:, j], omega[:, i])
-                    found[:, i, j] = each[:, chosen][:, :, chosen]
-        loop = self._windings(omega)
-        for i in range(k):
-            found[:, i, i, 0, 0] += loop[:, i]  # the rotor is the first of the directions
+        r = len(self.directions)
+        spring, before, after = self._coefficients
+        each = 1j * np.repeat(omega, r, axis=1)
+        found = np.repeat(spring[None], frequency.size, axis=0)
+        if before.any():
+            found += each[:, None, :] * before
+        if after.any():
+            found += each[:, :, None] * after
+        rotor = r * np.arange(self.orders.size)  # it is the first of the directions
+        found[:, rotor, rotor] += self._windings(omega)
         return found
 
     def _windings(self, omega: np.ndarray) -> np.ndarray:
         """Stiffness [N m/rad] that windings add on the rotor at ``omega`` [rad/s]."""
         return self.elements.windings(omega) * self.with_windings
 
-    def _whole(self, between: np.ndarray, Y: np.ndarray, sign: float) -> np.ndarray:
-        """Matrix of the harmonic balance, (m, k r, k r)."""
-        m, k, _, r, _ = between.shape
-        product = np.einsum("kmab,mkjbc->mkajc", Y, between).reshape(m, k * r, k * r)
-        return np.asarray(np.eye(k * r) + sign * product)
+    def _whole(self, mixing: np.ndarray, Y: np.ndarray, sign: float) -> np.ndarray:
+        """Matrix of the harmonic balance, with motions by torques Y (k, m, r, r), (m, k r, k r)."""
+        k, m, r, _ = Y.shape
+        moved = sign * np.moveaxis(Y, 0, 1)[..., None] * mixing.reshape(m, k, 1, r, k * r)
+        whole = moved[:, :, :, 0] if r == 1 else moved.sum(axis=3)
+        whole = whole.reshape(m, k * r, k * r)
+        each = np.arange(k * r)
+        whole[:, each, each] += 1.0
+        return np.asarray(whole)
 
     def _unit(self) -> np.ndarray:
         """Motion of order 0 in each direction by itself, (k r, r)."""
@@ -315,11 +336,10 @@ class VaryingDrive:
 
         At f the windings' own are left out: they act on whatever turns the rotor.
         """
-        between = self._between(frequency)
-        m, k, _, r, _ = between.shape
+        mixing, (k, m, r, _) = self._mixing(frequency), Y.shape
         unit = np.broadcast_to(self._unit().astype(complex), (m, k * r, r))
-        q = np.linalg.solve(self._whole(between, Y, 1.0), unit).reshape(m, k, r, r)
-        pull = np.einsum("mkjab,mjbc->mkac", between, q)
+        q = np.linalg.solve(self._whole(mixing, Y, 1.0), unit)
+        pull = (mixing @ q).reshape(m, k, r, r)
         zero = int(np.flatnonzero(self.orders == 0.0)[0])
         loop = self._windings(2.0 * np.pi * frequency)
         pull[:, zero, 0] -= (loop / (1.0 + loop * Y[zero, :, 0, 0]))[:, None] * (np.arange(r) == 0)
@@ -329,16 +349,20 @@ class VaryingDrive:
         """Bound on these where Y (k, m, r, r) is known at most: repeated mixing, each time with the worst
         phases; infinite where the series does not converge.
         """
-        between = np.abs(self._between(frequency))
-        m, k, _, r, _ = between.shape
+        mixing, (k, m, r, _) = np.abs(self._mixing(frequency)), Y.shape
         known = np.where(np.isfinite(Y), Y, 0.0)
         unit = np.broadcast_to(self._unit(), (m, k * r, r))
-        q = np.linalg.solve(self._whole(between, known, -1.0), unit)
+        q = np.linalg.solve(self._whole(mixing, known, -1.0), unit)
         # of matrices without negative elements the series converges where no sum of it is negative
         bounded = np.all(q >= -_ROUNDING, axis=(1, 2)) & np.all(np.isfinite(Y), axis=(0, 2, 3))
-        q = np.where(bounded[:, None, None], np.maximum(q, 0.0), 0.0).reshape(m, k, r, r)
-        pull = np.einsum("mkjab,mjbc->mkac", between, q)
+        q = np.where(bounded[:, None, None], np.maximum(q, 0.0), 0.0)
+        pull = (mixing @ q).reshape(m, k, r, r)
         return np.where(bounded[:, None, None, None], pull, math.inf)
+
+
+def _by_torques(los: np.ndarray, pull: np.ndarray) -> np.ndarray:
+    """Lines of sight (r, k, m, 2) by torques ``pull`` (m, k, r, r), of ``los`` (k, m, 2, r) by a unit of each."""
+    return np.moveaxis(los @ np.moveaxis(pull, 1, 0), 3, 0)
 
 
 def varying_drives(
