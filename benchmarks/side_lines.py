@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from support.turning_in_time import LOADS, PLACE, amplitudes, integrated, smooth_drive
+from support.turning_in_time import LOADS, PLACE, amplitudes, integrated, resolved, smooth_drive
 
 import microvib as mv
 from microvib.model.side_lines import VaryingDrive, varying_drives
@@ -83,7 +83,7 @@ def compared(scenario: mv.Scenario, seed: int) -> tuple[int, float, float, float
     alike = replace(drive, with_windings=False)
     balance = replace(alike, with_margins=False).response(loaded).of_motion(motion)[:, 0]
     large = balance.max(axis=1) > 0.01 * balance[beside].max()
-    counts = np.flatnonzero(beside & large & (at > 0.05) & (at < 70.0) & resolved(at))
+    counts = np.flatnonzero(beside & large & (at > 0.05) & (at < 70.0) & resolved(at, _RECORD))
     if counts.size == 0:
         return None
     found = amplitudes(t, y, np.r_[f, at[counts]])[1:]
@@ -92,13 +92,6 @@ def compared(scenario: mv.Scenario, seed: int) -> tuple[int, float, float, float
     most = bounds.of_motion(motion)[counts, 0]
     over_bound = float(np.max(found / most)) if np.all(np.isfinite(most)) else 0.0
     return seed, drive.spring.motion, over_balance, over_bound
-
-
-def resolved(frequency: np.ndarray) -> np.ndarray:
-    """Whether lines (k,) stand far enough from every other for the window of the record."""
-    apart = np.abs(frequency[:, None] - frequency[None, :])
-    np.fill_diagonal(apart, math.inf)
-    return np.asarray(apart.min(axis=1) > 4.0 / _RECORD)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from support.sliding_in_time import integrated
-from support.turning_in_time import LOADS, PLACE, amplitudes, smooth_drive
+from support.turning_in_time import LOADS, PLACE, amplitudes, resolved, smooth_drive
 
 import microvib as mv
 from microvib.model.drive_states import SLIDES, DriveStates, craft_of_drives
@@ -98,20 +98,13 @@ def compared(scenario: mv.Scenario, seed: int) -> tuple[float, float] | None:
     at, beside = bounds.frequency[:, 0], drive.orders != 0.0
     balance = replace(drive, with_margins=False).response(loaded).of_motion(motion)[:, 0]
     large = balance.max(axis=1) > 0.01 * balance[beside].max()
-    counts = np.flatnonzero(beside & large & (at > 0.05) & (at < 300.0) & resolved(at))
+    counts = np.flatnonzero(beside & large & (at > 0.05) & (at < 300.0) & resolved(at, _RECORD))
     if counts.size == 0:
         return None
     there = amplitudes(found.time, found.los, np.r_[f, at[counts]])[1:]
     largest = np.unravel_index(np.argmax(there), there.shape)
     over_balance = float(there[largest] / balance[counts][largest])
     return over_balance, float(np.max(there / bounds.of_motion(motion)[counts, 0]))
-
-
-def resolved(frequency: np.ndarray) -> np.ndarray:
-    """Whether lines (k,) stand far enough from every other for the window of the record."""
-    apart = np.abs(frequency[:, None] - frequency[None, :])
-    np.fill_diagonal(apart, math.inf)
-    return np.asarray(apart.min(axis=1) > 4.0 / _RECORD)
 
 
 if __name__ == "__main__":

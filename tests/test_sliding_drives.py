@@ -170,7 +170,7 @@ def test_rates_that_do_not_repeat_are_bounded_beside(ideal, tmp_path):
     scenario = ideal.with_({**LOOP, **RUBS})
     steady = even(scenario)
     off = 0.2 * abs(float(scenario.rate))
-    rings = steady._replace(rates=replace(steady.rates, output_rest=off))
+    rings = steady._replace(rates=replace(steady.rates, output_remainder=off))
     source = line_of(tmp_path)
     assert verdict(source, scenario, steady, 50.0, 50.2, 1e-15) == "pass"
     assert verdict(source, scenario, rings, 50.0, 50.2, 1e-15) == "not judged"
@@ -380,7 +380,7 @@ def test_rates_are_folded_over_the_electrical_turn():
     found = rates_over_turn(angle + 0.01 * np.cos(angle), (made, 2.0 * made), rate, step)
     at = 2.0 * np.pi * np.arange(found.rotor.size) / found.rotor.size
     assert found.rotor == pytest.approx(5.0 + np.cos(2.0 * at), abs=0.06)
-    assert 0.05 < found.rotor_rest < 0.2
+    assert 0.05 < found.rotor_remainder < 0.2
     period = slice(0, 167)  # half a turn, of a motion that repeats with it
     again = rates_over_turn(angle[period], (made[period], made[period]), rate, step, repeats=True)
     assert again.rotor.size == found.rotor.size

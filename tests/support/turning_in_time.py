@@ -84,3 +84,10 @@ def amplitudes(t: np.ndarray, y: np.ndarray, frequency: np.ndarray) -> np.ndarra
     waves = np.hstack([part(2.0 * np.pi * np.outer(t, frequency)) for part in (np.cos, np.sin)])
     found = np.linalg.lstsq(waves * window, y * window, rcond=None)[0]
     return np.hypot(*np.split(found, 2))
+
+
+def resolved(frequency: np.ndarray, duration: float) -> np.ndarray:
+    """Whether lines (k,) stand far enough from every other for the window of a record of ``duration`` [s]."""
+    apart = np.abs(frequency[:, None] - frequency[None, :])
+    np.fill_diagonal(apart, np.inf)
+    return np.asarray(apart.min(axis=1) > 4.0 / duration)

@@ -18,9 +18,9 @@ class ShaftRates:
     """[rad/s], (n,)."""
     output: np.ndarray
     """[rad/s], (n,)."""
-    rotor_rest: float = 0.0
+    rotor_remainder: float = 0.0
     """By how much the rotor's rate is off this mean at most [rad/s]."""
-    output_rest: float = 0.0
+    output_remainder: float = 0.0
     """By how much that of the output is [rad/s]."""
     output_angle: float = 0.0
     """Angle of the output [rad] where that of the rotor is 0."""
@@ -44,8 +44,8 @@ class ShaftRates:
         return ShaftRates(
             self.rotor,
             self.output,
-            max(self.rotor_rest, off[0] + other.rotor_rest),
-            max(self.output_rest, off[1] + other.output_rest),
+            max(self.rotor_remainder, off[0] + other.rotor_remainder),
+            max(self.output_remainder, off[1] + other.output_remainder),
             self.output_angle,
             min(self.least_gear_torque, other.least_gear_torque),
             max(self.gear_swing, other.gear_swing),
@@ -95,5 +95,5 @@ def rates_over_turn(
     at = first + turn * np.arange(per_turn * turns) / per_turn
     folded = [np.interp(at, time, x).reshape(turns, per_turn) for x in rates]
     mean = [x.mean(axis=0) for x in folded]
-    rest = [float(np.max(np.abs(x - m))) for x, m in zip(folded, mean, strict=True)]
-    return ShaftRates(mean[0], mean[1], rest[0], rest[1])
+    remainder = [float(np.max(np.abs(x - m))) for x, m in zip(folded, mean, strict=True)]
+    return ShaftRates(mean[0], mean[1], remainder[0], remainder[1])

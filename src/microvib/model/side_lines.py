@@ -24,7 +24,7 @@ import numpy as np
 from microvib.model.drive_states import SLIDES, DriveStates, Sticking, sliding_elements
 from microvib.model.linear import frequency_blocks
 from microvib.model.scenario import Scenario
-from microvib.model.sliding_elements import ORDER_DIGITS, ROTOR, Rest, SlidingElements, Varying
+from microvib.model.sliding_elements import ORDER_DIGITS, ROTOR, Remainder, SlidingElements, Varying
 from microvib.model.switching_friction import frequencies_of_response
 from microvib.model.turning import SpringOverTurn, spring_over_turn
 
@@ -410,17 +410,17 @@ def unknown_drives(
             yield wing, why
 
 
-_REST_MARGIN = 1.25
+_REMAINDER_MARGIN = 1.25
 """By how much motion by what is known by its size alone may be larger; assumed, as of friction that
 sticks (``model.switching_friction``)."""
 _LARGEST_GAIN = 0.99
-"""Part of a motion that the torque of such a rest may move and have a bound."""
+"""Part of a motion that the torque of such a remainder may move and have a bound."""
 _TRACE = 1e-6
-"""Part of a motion below which such a rest makes nothing that counts."""
+"""Part of a motion below which such a remainder makes nothing that counts."""
 
 
 @dataclass(frozen=True)
-class RestOfDrive:
+class RemainderOfDrive:
     """Part of an element that makes lines of loads at frequencies that are not known: a torque of no more
     than |K + j omega C| times the motion along its direction.
     """
@@ -428,7 +428,7 @@ class RestOfDrive:
     craft: DriveStates
     on: np.ndarray
     """Direction by the coordinates, (n,)."""
-    rest: Rest
+    remainder: Remainder
     wing: int
     """0 the first drive, 1 that of the second wing."""
 
@@ -438,7 +438,7 @@ class RestOfDrive:
         """
         omega = 2.0 * np.pi * frequency.reshape(-1, *[1] * (motion.ndim - 1))
         return np.asarray(
-            np.hypot(self.rest.spring, omega * self.rest.damping) * motion * self._gain
+            np.hypot(self.remainder.spring, omega * self.remainder.damping) * motion * self._gain
         )
 
     def motion(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
@@ -457,7 +457,9 @@ class RestOfDrive:
         """Part of a motion that its torque moves, at most."""
         moved = self.motion(self.frequency, self.on[:, None])
         omega = 2.0 * np.pi * self.frequency[:, None]
-        return float(np.max(np.hypot(self.rest.spring, omega * self.rest.damping) * moved))
+        return float(
+            np.max(np.hypot(self.remainder.spring, omega * self.remainder.damping) * moved)
+        )
 
     @property
     def counts(self) -> bool:
@@ -482,15 +484,15 @@ class RestOfDrive:
         """Amplitude (m, 2) [rad] that a line at each frequency has at most by an amplitude of the torque,
         and above the root mean square of all such lines.
         """
-        return _REST_MARGIN * torque * self._los
+        return _REMAINDER_MARGIN * torque * self._los
 
 
-def rests_of_drives(
+def remainders_of_drives(
     scenario: Scenario,
     craft: DriveStates,
     second: Scenario | None = None,
     sticking: tuple[Sticking, Sticking] = (SLIDES, SLIDES),
-) -> list[RestOfDrive]:
+) -> list[RemainderOfDrive]:
     """Parts of the elements of the drives of a craft that make lines at frequencies that are not known; arguments as for
     ``varying_drives``.
     """
@@ -498,6 +500,7 @@ def rests_of_drives(
     for wing, drive, elements in sliding_elements(scenario, sticking, second):
         directions = craft.on_rotor_of(wing)[:, 0], craft.on_output_of(wing, drive)[:, 0]
         found += [
-            RestOfDrive(craft, directions[rest.direction], rest, wing) for rest in elements.rests
+            RemainderOfDrive(craft, directions[remainder.direction], remainder, wing)
+            for remainder in elements.remainders
         ]
     return [one for one in found if one.counts]

@@ -11,7 +11,7 @@ not be whole numbers. ``model.side_lines`` solves for all of them together (harm
 
 - The motor's spring, over the angle: ``model.turning``.
 - Friction whose slope changes with the rate (breakaway above Coulomb friction), over the rates that the
-  run has within an electrical turn; what of these does not repeat is a rest, which is bounded.
+  run has within an electrical turn; what of these does not repeat is a remainder, which is bounded.
 - Friction over the angle of the output: its rise over the angle is a spring, and its slope varies.
 - Errors of the gear: the twist is eps(theta_m) - theta_m/h - theta_l, so that the rotor has another
   ratio at each angle.
@@ -70,7 +70,7 @@ class Varying(NamedTuple):
         return np.asarray(self.spring + before * self.before + after * self.after)
 
 
-class Rest(NamedTuple):
+class Remainder(NamedTuple):
     """Coefficients along a direction of which is known how large they are, but not when."""
 
     direction: int
@@ -124,12 +124,14 @@ class SlidingElements:
         return dynamic_stiffness_of_windings(self.drive, omega)
 
     @property
-    def rests(self) -> tuple[Rest, ...]:
+    def remainders(self) -> tuple[Remainder, ...]:
         """Coefficients that are known by their size alone."""
         found = []
         for direction, one in enumerate(self._slopes):
-            if one.rest > 0.0:
-                found.append(Rest(direction, 0.0, one.rest, _OF_RATES.format(_GROUPS[direction])))
+            if one.remainder > 0.0:
+                found.append(
+                    Remainder(direction, 0.0, one.remainder, _OF_RATES.format(_GROUPS[direction]))
+                )
         rough = self._roughness
         return (*found, *([] if rough is None else [rough]))
 
@@ -172,10 +174,13 @@ class SlidingElements:
         """Slopes of the frictions of rotor and output, beside their viscous parts."""
         drive, rates = self.drive, self.rates
         commanded = abs(float(drive.rate or 0.0))
-        turns = (None, None) if rates is None else ((rates.rotor, rates.rotor_rest), (rates.output, rates.output_rest))  # fmt: skip
+        rotor_turn = output_turn = None
+        if rates is not None:
+            rotor_turn = rates.rotor, rates.rotor_remainder
+            output_turn = rates.output, rates.output_remainder
         shafts = (
-            (drive.motor.friction, turns[0], self.slides[0], (self.slowest[0], drive.reducer.ratio * commanded)),
-            (drive.friction, turns[1], self.slides[1], (self.slowest[1], commanded)),
+            (drive.motor.friction, rotor_turn, self.slides[0], (self.slowest[0], drive.reducer.ratio * commanded)),
+            (drive.friction, output_turn, self.slides[1], (self.slowest[1], commanded)),
         )  # fmt: skip
         rotor, output = (_slope_of(*shaft) for shaft in shafts)
         return rotor, output
@@ -228,7 +233,7 @@ class SlidingElements:
                     yield -at, _on(OUTPUT, before=both.conjugate())
 
     @cached_property
-    def _roughness(self) -> Rest | None:
+    def _roughness(self) -> Remainder | None:
         """Roughness of the output's friction: its rise over the angle, and the slope that goes with it."""
         friction = self.drive.friction
         if not self.slides[1] or friction.position is None or friction.position.roughness is None:
@@ -239,7 +244,7 @@ class SlidingElements:
         torque = abs(friction.torque(float(self.drive.rate or 0.0)))
         slope = friction.viscous + self._slopes[1].largest
         spring, damping = torque * rise, slope * rough.deviation
-        return Rest(OUTPUT, _SIGMAS * spring, _SIGMAS * damping, _OF_ROUGHNESS)
+        return Remainder(OUTPUT, _SIGMAS * spring, _SIGMAS * damping, _OF_ROUGHNESS)
 
     # ---- The gear ----
 
@@ -301,13 +306,13 @@ class _Slope(NamedTuple):
     mean: float = 0.0
     harmonics: Mapping[float, complex] = MappingProxyType({})
     """By whole cycles per turn, from 1 on."""
-    rest: float = 0.0
+    remainder: float = 0.0
     """By how much it is off these at most."""
 
     @property
     def largest(self) -> float:
         """As large as it may be."""
-        return abs(self.mean) + 2.0 * math.fsum(map(abs, self.harmonics.values())) + self.rest
+        return abs(self.mean) + 2.0 * math.fsum(map(abs, self.harmonics.values())) + self.remainder
 
 
 def _slope_of(
@@ -316,7 +321,7 @@ def _slope_of(
     slides: bool,
     rates: tuple[float, float],
 ) -> _Slope:
-    """Slope of a friction over a ``turn`` of rates (n,) with their rest; without it anything between the
+    """Slope of a friction over a ``turn`` of rates (n,) with their remainder; without it anything between the
     slowest of ``rates`` and as far above the commanded one, the other.
     """
     if not slides or friction.stribeck_torque == 0.0:
@@ -326,7 +331,7 @@ def _slope_of(
         slowest, commanded = min(rates), rates[1]
         each = slope(np.linspace(slowest, 2.0 * commanded - slowest, _RATES))
         mean = 0.5 * float(each.min() + each.max())
-        return _Slope(mean, rest=0.5 * float(each.max() - each.min()))
+        return _Slope(mean, remainder=0.5 * float(each.max() - each.min()))
     speed, off = turn
     each = slope(np.abs(speed))
     series = np.fft.rfft(each) / each.size
@@ -339,8 +344,8 @@ def _slope_of(
     made[[0, *kept]] = series[[0, *kept]]
     left = float(np.max(np.abs(each - np.fft.irfft(made * each.size, each.size))))
     beside = [slope(np.abs(np.abs(speed) + part * off)) - each for part in (-1.0, -0.5, 0.5, 1.0)]
-    rest = left + float(np.max(np.abs(beside)))
-    return _Slope(float(series[0].real), {float(k): complex(series[k]) for k in kept}, rest)
+    remainder = left + float(np.max(np.abs(beside)))
+    return _Slope(float(series[0].real), {float(k): complex(series[k]) for k in kept}, remainder)
 
 
 def _beside_viscous(friction: Friction) -> Callable[[np.ndarray], np.ndarray]:

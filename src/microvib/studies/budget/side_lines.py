@@ -25,7 +25,7 @@ from microvib.model.scenario import Scenario
 from microvib.model.side_lines import (
     SideResponse,
     VaryingDrive,
-    rests_of_drives,
+    remainders_of_drives,
     unknown_drives,
     varying_drives,
 )
@@ -568,12 +568,12 @@ class TurningDrives:
         self.drives = _of_wings(wings, varying_drives(*given))
         self.sines = _of_wings(wings, motor_sines(scenario, self.craft, second))
         self.shafts = _of_wings(wings, shafts_of(scenario, self.craft, sticking, second, names))
-        rests = _of_wings(wings, rests_of_drives(*given))
-        self.rests = [one for one in rests if one.bounded]
+        remainders = _of_wings(wings, remainders_of_drives(*given))
+        self.remainders = [one for one in remainders if one.bounded]
         self.unknown = (
             *(why for wing, why in unknown_drives(scenario, sticking, second) if wing in wings),
             *((_FED_BY_FRICTION,) if self.craft.feeds_a_mode else ()),
-            *(one.rest.why for one in rests if not one.bounded),
+            *(one.remainder.why for one in remainders if not one.bounded),
             *(_NEARLY_DOUBLES for one in self.drives if one.nearly_doubles),
         )
         self.friction = SwitchingFriction(self.craft if friction is None else friction)
@@ -582,7 +582,7 @@ class TurningDrives:
     @property
     def acts(self) -> bool:
         """Whether anything is, or may be, made of loads."""
-        each = self.drives, self.rests, self.sines, self.unknown, self.friction.switches
+        each = self.drives, self.remainders, self.sines, self.unknown, self.friction.switches
         return any(map(bool, each))
 
     def norm(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
@@ -601,7 +601,7 @@ class TurningDrives:
         torques: Sequence[float],
     ) -> tuple[Anywhere, ...]:
         """Motion that friction which sticks makes of loads of a ``norm``, the sine of each motor of loads that
-        swing its rotor by root mean squares ``swings`` and ``peaks`` [rad] at most, and each rest by
+        swing its rotor by root mean squares ``swings`` and ``peaks`` [rad] at most, and each remainder by
         amplitudes of its torque [N m].
         """
         found = []
@@ -614,8 +614,8 @@ class TurningDrives:
         for one, swing, peak in zip(self.sines, swings, peaks, strict=True):
             crest = peak / max(swing, 1e-300)
             found.append(Anywhere(_OF_MOTOR, one.frequency, one.los(swing, peak), crest))
-        for rest, torque in zip(self.rests, torques, strict=True):
-            found.append(Anywhere(rest.rest.why, rest.frequency, rest.los(torque)))
+        for beyond, torque in zip(self.remainders, torques, strict=True):
+            found.append(Anywhere(beyond.remainder.why, beyond.frequency, beyond.los(torque)))
         return tuple(found)
 
     def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:
@@ -637,7 +637,7 @@ class TurningDrives:
         peaks = [float(np.sum(u)) for u in swings]
         torques = [
             float(one.torque(at.ravel(), one.motion(at.ravel(), each)).sum(axis=1).reshape(at.shape).max(axis=1, initial=0.0).sum())
-            for one in self.rests
+            for one in self.remainders
         ]  # fmt: skip
         # lines of one frequency may be of one phase: no more than the sum of amplitudes
         return self.anywhere(float(np.sum(norms)), peaks, peaks, torques)
@@ -688,7 +688,7 @@ class TurningDrives:
         speeds = [2.0 * np.pi * frequency * u for u in shafts]
         found = self._with_shafts(found, _sums(shafts), _sums(speeds))
         swings = [float(np.sum(motion(one.on[None, :]))) for one in self.sines]
-        torques = [float(np.sum(one.torque(frequency, motion(one.on[None, :])[0]))) for one in self.rests]  # fmt: skip
+        torques = [float(np.sum(one.torque(frequency, motion(one.on[None, :])[0]))) for one in self.remainders]  # fmt: skip
         return _with_anywhere(found, self.anywhere(norm, swings, swings, torques))
 
     def of_sweep(
@@ -798,7 +798,7 @@ class TurningDrives:
         swings = [math.sqrt(float(np.trapezoid(one, f))) for one in squares]
         torques = [
             math.sqrt(2.0 * float(np.trapezoid(np.sum(one.torque(f, one.motion(f, forces) * size), axis=1) ** 2, f)))
-            for one in self.rests
+            for one in self.remainders
         ]  # fmt: skip
         return self.anywhere(norm, swings, [_PEAKS * u for u in swings], torques)
 

@@ -158,7 +158,7 @@ class WheelOnCraft:
         peaks = [float(u.max(axis=1).sum()) for u in swings]
         torques = [
             float(one.torque(self.grid, self._over_grid(one.motion).T).max(axis=0).sum())
-            for one in self.turning.rests
+            for one in self.turning.remainders
         ]
         return self.turning.anywhere(norm, peaks, peaks, torques)
 
