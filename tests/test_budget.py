@@ -838,7 +838,7 @@ def test_two_wings_as_two_scenarios_are_judged_only_where_each_carries_the_other
     """Without the other's array the hub moves in another way: neither pass nor fail; with it, as two wings of one scenario."""
     here, there = _two_wings()
     each_limit = []
-    for limit in ("1 mrad", "1 prad"):
+    for limit in ("10 mrad", "1 prad"):
         curve = [{"frequency": f, "amplitude": limit} for f in ("1 Hz", "900 Hz")]
         each_limit += [
             *(requirement(limit=limit, statistic=x) for x in ("rms", "level", "bound")),
@@ -2060,6 +2060,8 @@ def test_the_example_as_a_command(tmp_path: Path) -> None:
         ("requirements: [{limit: 1 urad, percentile: 95 percent, statistic: level}]", "percentile"),
         ("requirements: [{limit: 1 urad, lowest: 5 Hz, highest: 1 Hz}]", "highest"),
         ("requirements: [{limit: 1 urad, statistic: level, confidence: 0.997 percent}]", "perhaps 99.7 percent was meant"),
+        ("requirements: [{limit: 1 urad, statistic: level, confidence: 3 sigma}]", "is no probability; write it such as '99.73 percent'"),
+        ("requirements: [{limit: 1 Mrad}]", "at most 1 rad"),
         ("requirements: [{limit: 1 urad, statistic: level, confidence: 99.7}]", "perhaps 99.7 percent was meant"),
         ("requirements: [{limit: 1 urad, percentile: 0.95 percent}]", "perhaps 95 percent was meant"),
         ("requirements: [{curve: [{frequency: 1 Hz, amplitude: 1 urad, unit: a}]}]", "curve.0.unit"),

@@ -350,7 +350,9 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
             other_sticking=sticking[1 - k] if two and k < 2 else MAY_STICK,
         )
         if contribution.density is not None:
-            turning = TurningDrives(drive.scenario, (sticking[k], MAY_STICK))
+            turning = TurningDrives(
+                drive.scenario, (sticking[k], MAY_STICK), other_steps=two and k < 2
+            )
             contribution = with_side_density(contribution, drive.scenario, turning, own=True)
         if not (two and k < 2):
             contribution = with_held_drive(contribution, lines, drive.scenario, sticking[k])
