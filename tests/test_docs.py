@@ -59,7 +59,9 @@ def built(out: Path, not_executed: tuple[str, ...]) -> Path:
     """The site: warnings are errors, and a cell that fails is one."""
     needs_sphinx()
     options: dict[str, list[str]] = {}
-    if not_executed:  # what only execution tells is missing: numbers in sentences, and the language of cells
+    if (
+        not_executed
+    ):  # what only execution tells is missing: numbers in sentences, and the language of cells
         options["nb_execution_excludepatterns"] = [f"{page}.md" for page in not_executed]
         options["suppress_warnings"] = ["mystnb.glue", "myst-nb.lexer"]
     told = json.dumps([str(ROOT / "docs"), str(out), options])
