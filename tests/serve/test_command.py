@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +14,8 @@ from contextlib import contextmanager
 import httpx2 as httpx
 import pytest
 from support.server import LONG, start, wait
+
+from microvib.web.server.serve import listening_socket
 
 
 @contextmanager
@@ -64,3 +68,24 @@ def test_an_address_that_is_not_of_this_machine_is_refused():
     status, said = told("--port", "0", "--host", "no.such.host.invalid")
     assert (status, said.count("\n")) == (1, 1)
     assert "is not an address of this machine" in said
+
+
+def test_answers_are_sent_at_once():
+    # what a connection sends would otherwise wait for the client's delayed acknowledgement, 40 ms
+    async def option_of_a_connection() -> int:
+        accepted: asyncio.Queue[int] = asyncio.Queue()
+
+        async def look(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            sock = writer.get_extra_info("socket")
+            accepted.put_nowait(sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+            writer.close()
+
+        listening = listening_socket("127.0.0.1", 0, remote=False)
+        async with await asyncio.start_server(look, sock=listening):
+            _, writer = await asyncio.open_connection(*listening.getsockname())
+            try:
+                return await accepted.get()
+            finally:
+                writer.close()
+
+    assert asyncio.run(option_of_a_connection())

@@ -85,7 +85,8 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     without load; friction is viscous only, and detent torque, stick and errors of the driver do not
     exist, so that there are no full-step lines; of errors and of a table only the mean of their spring
     counts. A ramp over the part r of a microstep averages the
-    staircase, whose order k falls by sinc(k r); parts of a microstep multiply it by the spectrum of
+    staircase, whose order k falls by sinc(k r); what its currents, which go straight from one reference to the
+    next, lack of the circle is added. Parts of a microstep multiply the staircase by the spectrum of
     their fractions. Compensation of the gear is left out. Empty where the rate is zero or changes, and of a
     pulse drive, between whose pulses nothing pulls.
     """
@@ -216,13 +217,41 @@ def staircase_torque(scenario: Scenario, order: np.ndarray) -> np.ndarray:
     step = -math.copysign(
         scenario.driver.microstep(scenario.motor), (scenario.rate or 0.0) * scenario.reducer.h
     )
-    ramped = order * scenario.driver.microstep_ramp
-    sawtooth = -1j * step / (math.pi * order) * (np.sinc(ramped) * np.exp(-1j * math.pi * ramped))
+    ramp, teeth = scenario.driver.microstep_ramp, scenario.motor.rotor_teeth
+    late = np.exp(-1j * math.pi * order * ramp)
+    sawtooth = -1j * step / (math.pi * order) * np.sinc(order * ramp) * late
+    if ramp > 0.0:
+        sawtooth += late * _chord(teeth * step, order, ramp, _sine_of_lag(scenario)) / teeth
     if scenario.driver.microstep_shape:
         frequency = order * (scenario.driving_frequency or 0.0)
         sawtooth = sawtooth * scenario.driver.shape.spectrum(frequency)
     mean = spring_factors(scenario.driver, scenario.motor).mean
     return np.asarray(mean * scenario.motor.electromagnetic_stiffness * sawtooth)
+
+
+def _chord(step: float, order: np.ndarray, ramp: float, sine_of_lag: float) -> np.ndarray:
+    """Torque at each ``order`` of the driving frequency, over K_m I, by what a ramp on the straight way between
+    references a ``step`` [rad, electrical] apart lacks of one on the circle.
+
+    Currents I exp(j theta_e) that step, seen from the mean field, have the orders sin(pi n)/(pi (k + n)), with
+    n = step/(2 pi). At rest these are k + n periods in a microstep, which the mean over the part r of one
+    multiplies by sinc(r (k + n)); the staircase of angles has sinc(r k) in its place. The torque is that of
+    the currents across the field, and of those along it by the sine of the rotor's lag.
+    """
+    n = step / (2.0 * math.pi)
+    up, down = ((np.sinc(ramp * k) - np.sinc(ramp * order)) / k for k in (order + n, order - n))
+    part = math.sin(math.pi * n) / math.pi
+    return np.asarray(part * (-1j * (up + down) + sine_of_lag * (up - down)))
+
+
+def _sine_of_lag(scenario: Scenario) -> float:
+    """Sine of the electrical angle by which the mean friction keeps the rotor behind the field."""
+    motor, rate = scenario.motor, scenario.rate or 0.0
+    omega = -scenario.reducer.h * rate
+    load = motor.friction.torque(omega) + (motor.eddy_damping or 0.0) * omega
+    load -= scenario.friction.torque(rate) / scenario.reducer.h
+    stiffness = held_motor(scenario).electromagnetic_stiffness
+    return min(max(load * motor.rotor_teeth / stiffness, -1.0), 1.0)
 
 
 def _voltage_drive_stiffness(scenario: Scenario, s: complex) -> tuple[complex, complex]:

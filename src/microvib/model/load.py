@@ -12,6 +12,7 @@ left of damping that couples its modes, where each y stands for a complex mode
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class Load:
     array_left: float
     """Residual inertia without the reducer's, J_h [kg m^2]."""
 
-    @property
+    @cached_property
     def moves(self) -> bool:
         """Whether the ground moves."""
         return self.cross != 0.0 or bool(np.any(self.R) or np.any(self.V_l))
@@ -61,12 +62,12 @@ class Load:
         """
         return np.asarray(0.5 * self.D - np.sqrt(np.maximum(0.25 * self.D**2 - self.Lambda, 0.0)))
 
-    @property
+    @cached_property
     def rotor_left(self) -> float:
         """Residual inertia of the rotor, in no mode, J_m - sum R^2 [kg m^2]."""
         return self.rotor - float(self.R @ self.R)
 
-    @property
+    @cached_property
     def cross_left(self) -> float:
         """Residual coupling, in no mode, c - sum H R [kg m^2]."""
         return self.cross - float(self.H @ self.R)

@@ -32,11 +32,14 @@ _HARMONICS_CAPTION = (
     " the 95 % interval by the scatter over speeds; a harmonic that is not seen in a load may be up to"
     " *most*."
 ).replace("*", "")
-_MODES_CAPTION = "± are standard uncertainties of the fit."
+_MODES_CAPTION = (
+    "± are standard uncertainties of the fit. The budget's file has twice these; a damping that only the width"
+    " of a ridge tells counts from half to twice as much (assumed)."
+)
 _USE = (
     "`wheel.yaml` is a file of sources for `microvib budget --sources wheel.yaml`, once the wheel's place and"
-    " axis on the hub are in it. A budget counts the intervals of the coefficients; it takes modes as they"
-    " are, and the noise of the bearings is not in it: give that as `density`."
+    " axis on the hub are in it. A budget counts the intervals of coefficients and modes. The noise of the"
+    " bearings is not in it: give that as `density`."
 )
 
 
@@ -155,7 +158,10 @@ def wheel_yaml(found: MeasuredWheel) -> str:
         keys = f"motion: {x.motion}, frequency: {x.frequency:.6g} Hz, damping: {x.damping:.4g}"
         if x.motion == "rocking":
             keys += f", inertia_ratio: {x.inertia_ratio:.4g}"
-        lines.append(f"        - {{{keys}}}")
+        least, most = x.dampings
+        error = 100.0 * x.frequency_error(found.speeds[1])
+        lines.append(f"        - {{{keys}, frequency_error: {error:.3g} percent,")
+        lines.append(f"           damping_least: {least:.4g}, damping_most: {most:.4g}}}")
     return "\n".join(lines) + "\n"
 
 

@@ -188,12 +188,12 @@ class Packed:
             if name in left_out:
                 continue
             if not isinstance(value, np.ndarray):
-                single.append(float(value))
+                single.append(value)
             elif name in HARMONIC_FIELDS:
                 found += [value[::3], value[1::3], value[2::3]]
             elif value.size:
                 found.append(value)
-        return [np.array(single), *found]
+        return [np.array(single, dtype=float), *found]
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,13 @@ CONFIDENCE = 0.95
 """Confidence level of the intervals of coefficients."""
 NEAR_MODE = 1.5
 """Amplification by a mode, or its inverse, from which a speed tells nothing of a coefficient."""
+_TWO_SIDED = 2.0
+"""Standard uncertainties within which a figure of a mode is, with a probability of 95 %."""
+_UNKNOWN_DAMPING, _UNKNOWN_RATIO = 2.0, 0.1
+"""Factor of a damping that only the width of a ridge tells, and by how much its ratio of inertias may be off
+(assumed)."""
+_LARGEST_DAMPING, _LARGEST_ERROR = 0.5, 0.45
+"""Largest that a budget takes."""
 _DETECTED = 0.998
 """Confidence with which a coefficient must be above zero to be taken for one."""
 _LEAST_SPEEDS = 4
@@ -64,6 +72,25 @@ class FoundMode:
     """*orders* that rise near it, or a *ridge* of its own."""
     ways: Mapping[float, float]
     """Direction in which orders fit best that cross it, 1 with the wheel and -1 against it."""
+
+    @property
+    def dampings(self) -> tuple[float, float]:
+        """Between which its damping is with a probability of 95 %; assumed where the fit does not tell."""
+        error = self.uncertainty[1] / self.damping
+        factor = _UNKNOWN_DAMPING if np.isnan(error) else math.exp(_TWO_SIDED * error)
+        return self.damping / factor, min(self.damping * factor, _LARGEST_DAMPING)
+
+    def frequency_error(self, speed: float) -> float:
+        """Part by which its frequency, or those of its whirl up to a ``speed`` [rad/s], may be off with a
+        probability of 95 %; what the ratio of inertias is off by moves whirl.
+        """
+        own, _, of_ratio = self.uncertainty
+        found = own / self.frequency
+        if self.motion == "rocking":
+            off = _UNKNOWN_RATIO / _TWO_SIDED if np.isnan(of_ratio) else of_ratio
+            still = 2.0 * math.pi * self.frequency
+            found += 0.5 * off * speed / math.hypot(still, 0.5 * self.inertia_ratio * speed)
+        return min(_TWO_SIDED * found, _LARGEST_ERROR)
 
 
 @dataclass(frozen=True)

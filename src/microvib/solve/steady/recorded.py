@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -113,18 +114,24 @@ class RecordedPeriod:
         """Whether another recording has the same events."""
         return _same_events(self._plan, other._plan)
 
+    @cached_property
+    def _factors(self) -> np.ndarray:
+        """Factors of the moments' Fourier transforms in each harmonic, (k, TERMS)."""
+        orders, (n, terms) = self.orders, self._moments
+        powers = np.ones((orders.size, terms), dtype=complex)
+        powers[:, 1:] = -1j * orders[:, None] / np.arange(1, terms)
+        factors: np.ndarray = np.cumprod(powers, axis=1)
+        return factors * np.exp(-1j * math.pi * orders / n)[:, None]
+
     def harmonics(self, ends: Sequence[PeriodEnd]) -> np.ndarray:
         """Fourier coefficients [N m] of the torque T_d = -dL/dt, by parts of those of the momentum L,
         (k, ends).
 
         Phases are expanded about the middles of equal intervals, whose sums are Fourier transforms.
         """
-        orders, (n, terms) = self.orders, self._moments
+        orders = self.orders
         sums = np.fft.rfft(np.array([end.moments for end in ends]), axis=1)[:, orders]
-        powers = np.ones((orders.size, terms), dtype=complex)
-        powers[:, 1:] = -1j * orders[:, None] / np.arange(1, terms)
-        factors = np.cumprod(powers, axis=1) * np.exp(-1j * math.pi * orders / n)[:, None]
-        total = np.einsum("km,ekm->ke", factors, sums)
+        total = np.einsum("km,ekm->ke", self._factors, sums)
         gained = np.array([end.gained for end in ends])
         frequency = np.array([end.frequency for end in ends])
         result: np.ndarray = (
@@ -150,7 +157,8 @@ class RecordedPeriod:
     def _replayed(
         self, period: PeriodMap, state: np.ndarray, accuracy: float, noted: bool = False
     ) -> PeriodEnd:
-        start = state + output_offset(period)
+        offset = output_offset(period)
+        start = state + offset
         period.put(start)
         span = np.zeros(N_SPAN)
         span[[START, FREQUENCY, MOMENTUM]] = period.start, period.frequency, period.packed.momentum
@@ -168,7 +176,7 @@ class RecordedPeriod:
             period.packed.state.y[None], period.turn([-period.microsteps]), start[None]
         )[0]
         return PeriodEnd(
-            end - output_offset(period),
+            end - offset,
             moments,
             float(span[GAINED]),
             period.frequency,

@@ -312,7 +312,23 @@ class WheelMode(Part):
         description="rocking amplifies radial torques, radial radial forces, axial axial forces"
     )
     frequency: Annotated[float, Quantity("Hz", "natural frequency at rest", gt=0)] | None = None
+    frequency_error: Annotated[
+        float,
+        Quantity(
+            "",
+            "part by which its frequency, or those of its whirl, may be smaller or larger",
+            ge=0,
+            le=0.45,
+            display="percent",
+        ),
+    ] = 0.0
     damping: Annotated[float, Quantity("", "modal damping ratio", gt=0, le=0.5)]
+    damping_least: (
+        Annotated[float, Quantity("", "smallest that it may be", gt=0, le=0.5)] | None
+    ) = None
+    damping_most: Annotated[float, Quantity("", "largest that it may be", gt=0, le=0.5)] | None = (
+        None
+    )
     inertia_ratio: (
         Annotated[
             float,
@@ -342,7 +358,24 @@ class WheelMode(Part):
             yield "inertia_ratio: give polar over transverse inertia, or whirl, the measured whirl frequencies"
         if (self.frequency is None) == (self.whirl is None):
             yield "frequency: give the natural frequency at rest, or whirl"
+        least, most = self.dampings
+        if least > self.damping:
+            yield f"damping_least: {least:g} is above damping, {self.damping:g}"
+        if most < self.damping:
+            yield f"damping_most: {most:g} is below damping, {self.damping:g}"
         yield from self._errors_of_points()
+
+    @property
+    def dampings(self) -> tuple[float, float]:
+        """Between which its damping is."""
+        given = (self.damping_least, self.damping_most)
+        least, most = (self.damping if one is None else one for one in given)
+        return least, most
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether it may differ from what is given."""
+        return self.frequency_error > 0.0 or self.dampings != (self.damping, self.damping)
 
     def _errors_of_points(self) -> Iterator[str]:
         """Sentences on measured whirl frequencies."""

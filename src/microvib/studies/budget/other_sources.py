@@ -34,6 +34,7 @@ from microvib.studies.budget.side_lines import TurningDrives, turning_drives
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
+    both_errors,
     low_frequency_gap,
     natural_frequencies,
     open_gap,
@@ -331,8 +332,8 @@ def _of_lines(
             together = np.repeat(phased, at.size // f.size)[:, None]
             return np.where(together, parts.sum(axis=0), most), np.where(together, 0.0, unsure)
 
-        tones, relative_error = moved(scenario, f)
-        relative_error = relative_error + response_uncertainty(
+        tones, unsure = moved(scenario, f)
+        of_response = response_uncertainty(
             [
                 lambda at: np.abs(moved(scenario, at)[0]),
                 *_of_states(states, loads, place, phased),
@@ -341,6 +342,7 @@ def _of_lines(
             np.asarray(frequency_error_bound(f)),
             natural_frequencies(scenario, states),
         )
+        relative_error = both_errors(unsure, of_response)
     names = tuple(row.get("line") or f"{x:.5g} Hz" for row, x in zip(rows, f, strict=True))
     gaps = tuple(
         open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k]))
@@ -355,7 +357,7 @@ def _of_lines(
         tones = np.where((sizes == 0.0) & (most > 0.0), NEXT_TO_NOTHING * most, tones)
         relative_error = _stated_errors(np.abs(tones), least, most)
     if left_out:  # what is not there may have changed what is
-        relative_error = relative_error + _tolerance_of_marked(rows)
+        relative_error = both_errors(relative_error, _tolerance_of_marked(rows))
     rings = None
     if "settled" in rows[0]:  # as a budget's own lines.csv says it
         rings = np.array(

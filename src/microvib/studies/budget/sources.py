@@ -332,13 +332,23 @@ def _error_of_run(
     """Relative error of lines of a run, (2, k, 2), by all that it leaves open: ``states`` are those
     in which a second drive may be.
     """
-    found = _run_uncertainty(scenario, result.table, lines) + _resonance_uncertainty(
-        scenario, lines, frequency, states
+    found = both_errors(
+        _run_uncertainty(scenario, result.table, lines),
+        _resonance_uncertainty(scenario, lines, frequency, states),
     )
     gap = None if result.state is not None else record_gap(scenario, result.table.duration)
     if gap is not None:
         found[0] = np.maximum(found[0], 1.0 - 1.0 / gap.overstated)
     return found
+
+
+def both_errors(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Relative error of lines by two causes that act on them at once, (2, ...), less and more: a line
+    that each may double may be four times as large.
+    """
+    less = 1.0 - np.maximum(1.0 - first[0], 0.0) * np.maximum(1.0 - second[0], 0.0)
+    more = (1.0 + first[1]) * (1.0 + second[1]) - 1.0
+    return np.array([less, more])
 
 
 def _start_ratios(scenario: Scenario, lines: Sequence[Line], duration: float) -> np.ndarray:
@@ -862,7 +872,7 @@ def contribution_of_recording(
         # instant.
         f"{name}, recorded",
         gaps=tuple(gaps),
-        relative_error=np.broadcast_to(relative_error, beside.shape) + beside,
+        relative_error=both_errors(np.broadcast_to(relative_error, beside.shape), beside),
         scenario=scenario,
         recorded=(loads[kept], floors[kept]),
     )

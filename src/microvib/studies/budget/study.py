@@ -60,6 +60,7 @@ from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
+    both_errors,
     contribution_of_recording,
     contribution_of_run,
     open_gap,
@@ -561,7 +562,8 @@ def with_method_error(recorded: Contribution, compared: Sequence[Difference]) ->
     missed = {d.line: d.los_error * d.los[1] / max(d.los[0], 1e-300) for d in compared}
     most = max(missed.values(), default=0.0)
     each = np.array([missed.get(name, most) for name in recorded.names])
-    return replace(recorded, relative_error=recorded.relative_error + np.tile(each[:, None], 2))
+    by_method = np.broadcast_to(each[:, None], recorded.relative_errors.shape)
+    return replace(recorded, relative_error=both_errors(recorded.relative_errors, by_method))
 
 
 _MAX_LOAD_RATIO = 4.0

@@ -41,12 +41,19 @@ from microvib.studies.budget.side_lines import (
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
+    both_errors,
     low_frequency_gap,
     natural_frequencies,
     open_gap,
     response_uncertainty,
 )
-from microvib.studies.budget.wheel_modes import MOVED_BY, Resonance, amplification, resonances
+from microvib.studies.budget.wheel_modes import (
+    MOVED_BY,
+    Amplification,
+    Resonance,
+    amplification,
+    resonances,
+)
 from microvib.units import within_band as in_band
 
 SPEEDS = 101
@@ -124,7 +131,7 @@ class WheelOnCraft:
         """Side lines of each order at its speed."""
         speed, _ = self.speeds
         (f,) = self.frequencies(np.array([speed]))
-        gain = self._gain(f[:, None])[1, :, :, 0].T
+        gain = self._gain(f[:, None]).most[:, :, 0].T
         return self.turning.of_lines(f, self._forces() * gain[:, None, :] * speed**2)
 
     @cached_property
@@ -138,7 +145,7 @@ class WheelOnCraft:
     def _over_grid(self, motion: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
         """Motion by each order over the grid, (o, m), as forces at frequencies make it."""
         speed = 2.0 * np.pi * self.grid / self.orders[:, None]
-        gains = self._largest_gain_on_grid.transpose(1, 2, 0)
+        gains = self._gain_on_grid.most.transpose(1, 2, 0)
         each = [
             np.sum(motion(self.grid, on) * gain, axis=1)
             for on, gain in zip(self._forces(), gains, strict=True)
@@ -222,26 +229,27 @@ class WheelOnCraft:
 
     @cached_property
     def uncertain(self) -> bool:
-        """Whether coefficients have intervals."""
-        return any(h.uncertain for h in self.wheel.harmonics)
+        """Whether coefficients or modes have intervals."""
+        by_coefficients = any(one.uncertain for one in self.wheel.harmonics)
+        return by_coefficients or any(one.uncertain for one in self.wheel.modes)
 
-    def _gain(self, frequency: np.ndarray) -> np.ndarray:
-        """Smallest and largest factor of the wheel's modes on the parts of each order at its
-        frequencies (o, n) [Hz], (2, p, o, n).
+    def _gain(self, frequency: np.ndarray) -> Amplification:
+        """Factor of the wheel's modes on the parts of each order at its frequencies (o, n) [Hz],
+        (p, o, n).
         """
         keys, parts = self._parts_by_key
-        found = np.ones((2, len(parts), *frequency.shape))
+        found = np.ones((3, len(parts), *frequency.shape))
         for mode in self.wheel.modes:
             of_mode = amplification(mode, np.maximum(frequency, 1e-12), self.orders)
             for k, key in enumerate(keys):
                 if key in MOVED_BY[mode.motion]:
                     found[:, k] *= of_mode
-        return found
+        return Amplification(*found)
 
     @cached_property
-    def _largest_gain_on_grid(self) -> np.ndarray:
-        """Largest factor of the wheel's modes over the grid, (p, o, m)."""
-        return self._gain(np.broadcast_to(self.grid, (self.orders.size, self.grid.size)))[1]
+    def _gain_on_grid(self) -> Amplification:
+        """Factor of the wheel's modes over the grid, (p, o, m)."""
+        return self._gain(np.broadcast_to(self.grid, (self.orders.size, self.grid.size)))
 
     @cached_property
     def resonances(self) -> list[Resonance]:
@@ -262,18 +270,16 @@ class WheelOnCraft:
         own = natural_frequencies(self.scenario, self.states)
         return np.concatenate([own, [one.frequency for one in self.resonances]])
 
-    def _sizes(self, frequency: np.ndarray) -> np.ndarray:
-        """Smallest and largest amplitudes [rad] of the parts of each order at its frequencies (o, n)
-        [Hz], (2, p, o, n, 2).
+    def _sizes(self, frequency: np.ndarray) -> Amplification:
+        """Amplitudes [rad] of the parts of each order at its frequencies (o, n) [Hz], (p, o, n, 2), with the
+        factor of the wheel's modes.
         """
         by = line_of_sight_transfer(self.scenario, frequency.ravel(), self.place).reshape(
             *frequency.shape, 2, 6
         )
         speed = 2.0 * np.pi * frequency / self.orders[:, None]
         sizes = np.abs(np.einsum("onkc,poc->ponk", by, self._parts)) * speed[:, :, None] ** 2
-        if not self.wheel.modes:
-            return np.array([sizes, sizes])
-        return np.asarray(self._gain(frequency)[..., None] * sizes)
+        return Amplification(*(gain[..., None] * sizes for gain in self._gain(frequency)))
 
     @cached_property
     def _not_measured(self) -> tuple[Unobserved, ...]:
@@ -310,9 +316,9 @@ class WheelOnCraft:
     def at(self, speeds: np.ndarray) -> tuple[Contribution, ...]:
         """Its lines at each of the speeds (n,) [rad/s]."""
         f = self.frequencies(speeds)
-        small, large = self._sizes(f.T).transpose(0, 1, 3, 2, 4)
+        small, given, large = np.array(self._sizes(f.T)).transpose(0, 1, 3, 2, 4)
         ends = self._ends_of_parts[:, :, None, None, None]
-        los, relative_error = bound_over_phases(large, ends[0] * small)
+        los, relative_error = bound_over_phases(given, ends[0] * small)
         most = np.sum(ends[1] * large, axis=0)
         relative_error[1] = np.divide(most, los, out=np.ones_like(los), where=los > 0.0) - 1.0
         names = tuple(f"order {order:g}" for order in self.orders)
@@ -336,7 +342,9 @@ class WheelOnCraft:
             off = np.asarray(frequency_error_bound(one.frequency))
             return replace(
                 one,
-                relative_error=one.relative_error + self._response_error(one.frequency, off),
+                relative_error=both_errors(
+                    one.relative_errors, self._response_error(one.frequency, off)
+                ),
                 frequency_error=off,
                 side=self._side_lines(),
             )
@@ -359,21 +367,26 @@ class WheelOnCraft:
         """
         responses = [self._response]
         if self.states is not None:
-            responses.append(self._responses_of_states)
+            responses.append(lambda at: self._responses_of_states(at, self._gain_at(at).value))
         return response_uncertainty(responses, frequency, off, self.natural_frequencies)
 
     def _response(self, at: np.ndarray) -> np.ndarray:
         """Amplitudes (o n, 2) at frequencies (o n,) of one order after another."""
         return np.asarray(
-            bound_over_phases(self._sizes(at.reshape(self.orders.size, -1))[1])[0].reshape(-1, 2)
+            bound_over_phases(self._sizes(at.reshape(self.orders.size, -1)).value)[0].reshape(-1, 2)
         )
 
-    def _responses_of_states(self, at: np.ndarray) -> np.ndarray:
-        """Smallest and largest of these over all states of the drives, (2, o n, 2)."""
+    def _gain_at(self, at: np.ndarray) -> Amplification:
+        """Factor of the wheel's modes at frequencies (o n,) of one order after another, (p, o, n)."""
+        return self._gain(at.reshape(self.orders.size, -1))
+
+    def _responses_of_states(self, at: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        """Smallest and largest of these over all states of the drives, (2, o n, 2), with factors ``gain``
+        (p, o, n) of the wheel's modes.
+        """
         assert self.states is not None
         order = np.repeat(np.arange(self.orders.size), at.size // self.orders.size)
         forces = self.states.on_hub(self.place) @ self._parts.transpose(1, 2, 0)
-        gain = self._gain(at.reshape(self.orders.size, -1))[1]
         each = gain.reshape(len(gain), -1).T[:, None, :]
         found = np.sum(self.states.extremes(at, forces[order]) * each, axis=-1)
         speed = 2.0 * np.pi * at / self.orders[order]
@@ -413,12 +426,16 @@ class WheelOnCraft:
     @cached_property
     def amplitudes(self) -> np.ndarray:
         """Amplitudes of each order over the grid [rad], (o, m, 2), 0 where they mean nothing."""
+        return self._amplitudes_with(self._gain_on_grid.value)
+
+    def _amplitudes_with(self, gains: np.ndarray) -> np.ndarray:
+        """Amplitudes over the grid [rad], (o, m, 2), with factors of the wheel's modes (p, o, m)."""
         by = line_of_sight_transfer(self.scenario, self.grid, self.place)
         found = np.zeros((self.orders.size, self.grid.size, 2))
-        for part, gain in zip(self._parts, self._largest_gain_on_grid, strict=True):
+        for part, gain in zip(self._parts, gains, strict=True):
             found += np.abs(np.einsum("mkc,oc->omk", np.nan_to_num(by), part)) * gain[:, :, None]
         speed = 2.0 * np.pi * self.grid / self.orders[:, None]
-        return found * speed[:, :, None] ** 2
+        return np.asarray(found * speed[:, :, None] ** 2)
 
     @cached_property
     def in_any_state(self) -> WheelOnCraft:
@@ -473,8 +490,9 @@ class WheelOnCraft:
             best, relative_error=best.relative_errors * np.array([1.0, 0.0])[:, None, None]
         )
         # the largest coefficients count at the speed at which they are worst, in ``in_any_state``
-        less, more = best.relative_errors + self._response_error(
-            best.frequency, np.zeros(self.orders.size)
+        less, more = both_errors(
+            best.relative_errors,
+            self._response_error(best.frequency, np.zeros(self.orders.size)),
         )
         less = less + self._part_beside(best)
         largest = np.maximum(
@@ -549,9 +567,11 @@ class _WheelInAnyState(WheelOnCraft):
         """Largest amplitudes of each order over the grid [rad], (o, m, 2)."""
         at = np.tile(self.grid, self.orders.size)
         if self.states is None:
-            found = super().amplitudes
+            found = self._amplitudes_with(self._gain_on_grid.most)
         else:
-            found = self._responses_of_states(at)[1].reshape(self.orders.size, -1, 2)
+            found = self._responses_of_states(at, self._gain_at(at).most)[1].reshape(
+                self.orders.size, -1, 2
+            )
         return np.asarray(found + self._beside)
 
 

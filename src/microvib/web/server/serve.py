@@ -53,7 +53,7 @@ def serve(asked: Serving, tell: Tell) -> None:
     named, cannot be had.
     """
     host, port, remote = asked.host, asked.port, asked.remote
-    sock = _bound(host, port, remote)
+    sock = listening_socket(host, port, remote)
     address, port = sock.getsockname()[:2]
     access = _access(host, port, remote)
     url = _url(address, port)
@@ -123,7 +123,7 @@ def _access(host: str, port: int, remote: bool) -> Access:
     return Access(frozenset(names), remote, f"microvib-{port}")
 
 
-def _bound(host: str, port: int, remote: bool) -> socket.socket:
+def listening_socket(host: str, port: int, remote: bool) -> socket.socket:
     """A listening socket at the address."""
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -138,7 +138,9 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
             host,
             remedy="allow_remote",
         )
-    sock = socket.socket(family, socket.SOCK_STREAM)
+    # asyncio sends small answers at once (TCP_NODELAY) only where the socket says that it is TCP;
+    # otherwise each of them waits for the client's delayed acknowledgement, 40 ms.
+    sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         if sys.platform != "win32":  # there it would share the port
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

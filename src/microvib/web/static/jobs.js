@@ -5,7 +5,8 @@
 import { getSurely, pause } from "./api.js";
 
 const ENDED = ["done", "failed", "cancelled"];
-const PAUSE = 100;
+const AGAIN = 0.05; // of the time that the youngest computation has taken, after which it is asked about again
+const PAUSES = [30, 250]; // ms, least and most of it
 const GONE = { state: "gone", error: "The server no longer has this computation: it was restarted, or dropped it to make room for newer ones." };
 
 const followed = new Map();
@@ -14,7 +15,7 @@ let asking = false;
 /** Follow a job to its end: {state: "done", result}, or {state: "failed", "cancelled" or "gone", error}. `onStep` gets each state on the way. */
 export async function follow(id, onStep = () => {}) {
   const end = await new Promise((resolve) => {
-    followed.set(id, { onStep, resolve });
+    followed.set(id, { onStep, resolve, since: performance.now() });
     ask();
   });
   if (end.state !== "done") return end;
@@ -33,9 +34,15 @@ async function ask() {
     const ids = [...followed.keys()];
     const jobs = await getSurely("/api/jobs", { ids: ids.join(",") }).catch(() => []);
     for (const id of ids) step(id, jobs.find((job) => job.id === id) ?? GONE);
-    await pause(PAUSE);
+    await pause(untilNext());
   }
   asking = false;
+}
+
+function untilNext() {
+  const youngest = performance.now() - Math.max(...[...followed.values()].map(({ since }) => since));
+  const [least, most] = PAUSES;
+  return Math.min(Math.max(AGAIN * youngest, least), most);
 }
 
 function step(id, job) {

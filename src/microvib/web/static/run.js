@@ -70,7 +70,6 @@ async function show() {
   showProgress();
   showDrawing();
   limit.update();
-  ab.update();
   const run = runs.selected();
   head.replaceChildren(...(run ? [...(run.result ? headOf(run) : []), ...failure(run)] : [welcome()]));
   craft.replaceChildren(...craftOf(run));
@@ -78,11 +77,11 @@ async function show() {
   const shown = runs.shown();
   const names = shown.map((item) => item.id).join(" ");
   spectrum.card.hidden = history.card.hidden = !shown.length;
-  if (!shown.length || names === figures.dataset.drawn) return;
+  if (!shown.length || names === figures.dataset.drawn) return ab.update();
   figures.dataset.drawn = "";
   await drawing(
     async () => {
-      await spectrum.update();
+      await spectrum.update().finally(ab.update); // whose verdicts the picture does not wait for
       performance.mark("run-drawn"); // the picture that is seen first
       await history.update();
     },
