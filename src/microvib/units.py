@@ -344,7 +344,7 @@ def band(given: Band) -> tuple[Si, Si]:
     return first, last
 
 
-def within_band(frequency: Any, low: float, high: float, tolerance: float = 0.0) -> Any:
+def within_band(frequency: Any, low: float, high: float, tolerance: Any = 0.0) -> Any:
     """Whether a frequency, known to within ``tolerance``, may be within a band, whose ends belong to it; also
     of arrays.
 

@@ -21,7 +21,7 @@ PULSE = {
     "driver.proportional_gain": "0 V/A",
     "driver.integral_gain": "0 V/(A*s)",
 }
-WOUND_UP = {"base": "state-1", "changes": {**SHORT, "record.settle": "6 s"}}
+WOUND_UP = {"base": "state-1", "changes": {"record.settle": "2.5 s", "record.duration": "1.5 s"}}
 SMALL = {"scenario": WOUND_UP, "levers": ["ramp"], "cases": 8, "effort": 4}
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -906,3 +906,9 @@ class TurningDrives:
         met = np.concatenate([near - main[:, None], -near - main[:, None]], axis=None)
         grid = np.union1d(f, np.concatenate([near, met]))
         return grid[(grid >= max(f[0], 1e-6)) & (grid <= f[-1])]
+
+
+@lru_cache(maxsize=4)
+def turning_drives(scenario: Scenario, sticking: tuple[Sticking, Sticking]) -> TurningDrives:
+    """Drives of a scenario's craft that turn, which every other source of a budget acts on."""
+    return TurningDrives(scenario, sticking)
