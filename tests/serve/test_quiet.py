@@ -144,7 +144,7 @@ def test_a_verdict_by_a_curve_over_a_study_is_that_of_the_command(client, tmp_pa
     outcome = quiet_outcome(expected)
     assert [fact["value"] for fact in told["facts"]] == [fact.value for fact in outcome.facts]
     assert "lines over the limit curve." in told["summary"]
-    assert told["verdict"] == outcome.verdict == "not judged"
+    assert told["verdict"] == outcome.verdict == "fail"
     assert "% of the limit" in told["facts"][0]["value"]
     assert "is assumed" not in str(told["parts"][0])
     [cases] = items(told["parts"][-1], "pairs")

@@ -85,7 +85,7 @@ def quiet_problem(
 
 
 def _fields(request: QuietRequest, most_cases: int) -> dict[str, Callable[[FileAccess], object]]:
-    """What reads each field of a request."""
+    """Readers of the fields of a request, each of which raises what is wrong with its own."""
     scenario, requirement = request.scenario, request.named(REQUIREMENT)
 
     def levers(files: FileAccess) -> tuple[Lever, ...]:
