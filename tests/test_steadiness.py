@@ -148,6 +148,34 @@ def test_a_short_burst_at_a_low_frequency_is_no_smaller_than_its_height(
     assert judge_recording(table, limit).verdict == "not judged"
 
 
+@pytest.mark.parametrize(("start", "part"), [(0.3, 0.3), (0.36, 0.3), (0.4, 0.3), (0.44, 0.43)])
+def test_a_tone_that_is_parted_into_lines_beside_each_other_is_as_large_as_all_of_them(
+    start: float, part: float
+) -> None:
+    """A tone of 1 N m that is there for a part of the record, near the mains."""
+    f, rate, duration = 49.5, 512.0, 2.16
+    t = np.arange(round(duration * rate)) / rate
+    on = (t >= start * duration) & (t < (start + part) * duration)
+    noise = 1e-4 * np.random.default_rng(3).standard_normal(t.size)
+    x = on * np.cos(2.0 * np.pi * f * t + 1.0) + noise
+    recorded = Recording({"Mz": x}, rate, {"Mz": "N*m"})
+    limit = mv.Limit("0.8 N*m", f"{0.9 * f} Hz", f"{1.25 * f} Hz")
+    assert judge_recording(recorded, limit).verdict == "not judged"
+
+
+def test_two_tones_that_a_record_parts_are_judged_by_what_they_are_together() -> None:
+    """As close as three bins, they may be one that comes and goes: nothing passes below their sum."""
+    t = np.arange(round(10.0 * FS)) / FS
+    tones = 0.5 * np.cos(2.0 * np.pi * 40.0 * t) + 0.4 * np.cos(2.0 * np.pi * 40.3 * t)
+    noise = 1e-3 * np.random.default_rng(4).standard_normal(t.size)
+    recorded = Recording({"Mz": tones + noise}, FS, {"Mz": "N*m"})
+    verdicts = {
+        limit: judge_recording(recorded, mv.Limit(f"{limit} N*m", "35 Hz", "45 Hz")).verdict
+        for limit in (0.45, 0.6, 0.85, 1.0)
+    }
+    assert verdicts == {0.45: "fail", 0.6: "not judged", 0.85: "not judged", 1.0: "pass"}
+
+
 def test_the_mains_beside_a_line_of_the_drive_are_a_line_of_their_own() -> None:
     t = np.arange(16 * 1000) / 1000.0
     x = 0.01 * np.cos(2.0 * np.pi * 53.0 * t) + 0.006 * np.cos(2.0 * np.pi * 50.0 * t + 1.0)

@@ -65,6 +65,7 @@ from microvib.studies.budget.sources import (
     contribution_of_run,
     open_gap,
     unseen_axes,
+    with_held_drive,
     with_side_density,
     with_side_lines_of_other,
     with_side_lines_of_recording,
@@ -351,6 +352,8 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
         if contribution.density is not None:
             turning = TurningDrives(drive.scenario, (sticking[k], MAY_STICK))
             contribution = with_side_density(contribution, drive.scenario, turning, own=True)
+        if not (two and k < 2):
+            contribution = with_held_drive(contribution, lines, drive.scenario, sticking[k])
         note = steady_state_fallback_note(result.solver)
         runs.append(_Run(contribution, lines, note, sticking[k]))
     if two:
