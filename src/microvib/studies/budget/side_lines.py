@@ -660,7 +660,7 @@ class TurningDrives:
         motion: Callable[[np.ndarray], np.ndarray],
         norm: float,
     ) -> SideLines | None:
-        """What a drive that holds the second wing makes of lines (k,) [Hz] of a ``norm``, which move what is
+        """Lines that a drive which holds the second wing makes of lines (k,) [Hz] of a ``norm``, which move what is
         along a row (n,) of its coordinates by ``motion`` (k,) [rad].
         """
         none = np.zeros(frequency.size)

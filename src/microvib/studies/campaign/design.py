@@ -178,11 +178,15 @@ def _hashable(value: Any) -> Any:
     return value
 
 
-def read_study(file: Path) -> Study:
-    """A study file; ScenarioError with one sentence per problem."""
+def read_study(file: Path, files: FileAccess | None = None) -> Study:
+    """A study file; ScenarioError with one sentence per problem. What it names is opened with the
+    permission ``files``, without one in its own folder.
+    """
+    if files is None:
+        files = WORKING_FOLDER.in_folder_of(str(file))
     data = parse_yaml(read_text(file, "study", ()), str(file))
     with error_context(file):
-        data = _with_limit_curve(data, WORKING_FOLDER.in_folder_of(str(file)))
+        data = _with_limit_curve(data, files)
     return validate_part(Study, data, origin=str(file))
 
 
