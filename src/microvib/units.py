@@ -422,7 +422,7 @@ class Quantity:
         return ""
 
     def _hint(self, text: str) -> str:
-        """What is wrong with a probability in standard deviations; empty otherwise."""
+        """Words on a probability in standard deviations; empty for anything else."""
         if self.display != "percent" or "sigma" not in text.lower():
             return ""
         return (

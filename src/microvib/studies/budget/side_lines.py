@@ -598,9 +598,9 @@ class TurningDrives:
         self.craft = craft_of_drives(scenario, sticking, second, own=not alone)
         given = scenario, self.craft, second, sticking
 
-        wings = (1,) if alone else (0,) if other_steps else (0, 1)
+        wings = (1,) if alone else (0, 1)
         if other_steps:
-            friction = _with_own_switching(self.craft)
+            wings, friction = (0,), _with_own_switching(self.craft)
         self.drives = _of_wings(wings, varying_drives(*given))
         self.sines = _of_wings(wings, motor_sines(scenario, self.craft, second))
         self.shafts = _of_wings(wings, shafts_of(scenario, self.craft, sticking, second, names))
