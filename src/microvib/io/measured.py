@@ -295,7 +295,9 @@ def _is_factor(name: str, value: Any) -> bool:
         return False
     if isinstance(value, str):
         number = _QUANTITY.fullmatch(value)
-        return bool(number) and float(number[1]) != 0.0 and not _NOT_SCALED.fullmatch(value.strip())
+        if number is None or _NOT_SCALED.fullmatch(value.strip()):
+            return False
+        return float(number[1]) != 0.0
     numbers = np.ravel(np.asarray(value))
     return bool(
         numbers.size and numbers.dtype.kind in "fiu" and np.any((numbers != 0) & (numbers != 1))

@@ -539,6 +539,9 @@ def _effects(s: Summary) -> Iterator[Item]:
         "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest"
         " to highest mean."
     )
+    left_out = max(t.left_out for t in s.tornados)
+    if left_out:
+        caption += f" Cases without an amplitude of a line, up to {left_out}, are left out."
     draw = partial(figures.tornados, s.tornados)
     yield Picture("tornado", draw, "Sensitivity of the lines", caption)
 
