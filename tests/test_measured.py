@@ -372,7 +372,7 @@ def test_tdms(tmp_path):
     for channels, complaint in (
         (
             [("a", "Mz", MZ, at | {"unit_string": "mNm", "unit": "Nm"})],
-            "has two units: mNm by unit_string, Nm by unit",
+            "has two units, 'Nm' in its unit and 'mNm' beside it; add the right one",
         ),
         (
             [("a", "Mz", MZ, at), ("a", "Fx", MZ, at | {"wf_start_offset": 0.01})],

@@ -12,6 +12,8 @@ import scipy.io
 from microvib.errors import MicrovibError, OutputError
 from microvib.io.recordings import read_prepared, read_recording, write_recording
 from microvib.model.rigid import COMPONENTS
+from microvib.signals.limit_curve import Limit
+from microvib.studies.recording_limits import judge_recording
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording, RecordingError, require_usable_channel
 from microvib.testdata.time_axis import regular_rate
@@ -40,6 +42,120 @@ def test_what_is_written_is_read(tmp_path, ending):
         assert back[name] == pytest.approx(made()[name], abs=1e-11)
     with pytest.raises(OutputError, match="already exists"):
         write_recording(made(), path)
+
+
+LONG = np.arange(4096) / 512.0
+TONE = 0.1 * np.cos(2 * np.pi * 53 * LONG) + np.random.default_rng(0).normal(0, 1e-4, LONG.size)
+"""0.1 N m at 53 Hz for 8 s."""
+
+
+def _csv_of(path: Path, *top: str) -> Path:
+    """A file of TONE, in decimals, below lines on ``top``."""
+    rows = [f"{t:.9g},{x:.9g}" for t, x in zip(LONG, TONE, strict=True)]
+    path.write_text("\n".join([*top, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("top", "said"),
+    [
+        (
+            ("Time [s],Mz [N m]", "s,mN m"),
+            "channel Mz has two units, 'N m' in its header and 'mN m'",
+        ),
+        (
+            ("Time [s],Mz [mN m]", "s,N m"),
+            "channel Mz has two units, 'mN m' in its header and 'N m'",
+        ),
+        (("Time [s],Mz [N m]", "s,counts"), "channel Mz has two units, 'N m' in its header"),
+        (("Time [s],Mz [N m]", "s,V"), "channel Mz has two units, 'N m' in its header and 'V'"),
+        (("Time [s],Mz [N m]", "ms,N m"), "channel Time has two units, 's' in its header and 'ms'"),
+        (("Time,Mz_mNm", "s,N m"), "channel Mz_mNm has two units, 'mNm' in its name and 'N m'"),
+    ],
+)
+def test_units_of_a_column_that_contradict_each_other_are_refused(tmp_path, top, said):
+    """The row below won without a word: 0.1 N m passed 60 mN m as 0.1 mN m."""
+    with pytest.raises(RecordingError, match=re.escape(said)) as refused:
+        read_recording(_csv_of(tmp_path / "a.csv", *top))
+    assert "add the right one to the preparation file, such as units: {" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "top",
+    [
+        ("Time [s],Mz [N m]", "s,N*m"),
+        ("Time [s],Mz [Nm]", "sec,N·m"),
+        ("Time [s],Mz [filtered]", "s,N m"),
+        ("Time [s],Mz", "s,N m"),
+        ("Time [s],Mz [N m]", "s,-"),
+    ],
+)
+def test_one_unit_in_two_places_is_read(tmp_path, top):
+    back = read_recording(_csv_of(tmp_path / "a.csv", *top))
+    assert back["Mz"] == pytest.approx(TONE, rel=1e-6)
+    assert back.units["Mz"] == "N*m"
+
+
+def test_the_preparation_decides_between_two_units(tmp_path):
+    path = _csv_of(tmp_path / "a.csv", "Time [s],Mz [N m]", "s,mN m")
+    read = read_prepared(path, Preparation(units={"Mz": "N*m"})).recording
+    assert np.ptp(read["Mz"]) == pytest.approx(np.ptp(TONE), rel=1e-6)
+
+
+def test_a_unit_in_a_list_and_another_one_in_a_field_are_refused(tmp_path):
+    path, of_units = tmp_path / "a.mat", np.array(["mN*m", "N"], dtype=object)
+    names = np.array(["Mz", "Fx"], dtype=object)
+    said = {"Mz": made()["Mz"], "Fx": made()["Fx"], "fs": RATE, "names": names, "units": of_units}
+    scipy.io.savemat(path, said)
+    assert read_recording(path)["Mz"] == pytest.approx(1e-3 * made()["Mz"])
+    scipy.io.savemat(path, said | {"Mz_unit": "N*m"})
+    with pytest.raises(
+        RecordingError, match="channel Mz has two units, 'mN\\*m' in the list of units"
+    ):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Scale: 1000",
+        "Amplifier gain 10",
+        "Multiplier,10",
+        "Calibration factor: 250 N m/V",
+        "Sensitivity (V/Nm),4",
+    ],
+)
+def test_a_factor_on_top_of_decimals_is_noted_and_lets_no_limit_be_judged(tmp_path, line):
+    path, limit = (
+        _csv_of(tmp_path / "a.csv", line, "Time [s],Mz [N m]"),
+        Limit("10 N*m", "10 Hz", "100 Hz"),
+    )
+    read = read_recording(path)
+    assert any(
+        "not whether the samples of Mz are already multiplied by it" in x for x in read.notes
+    )
+    judged = judge_recording(read, limit)
+    assert judged.verdict == "not judged"
+    assert "already multiplied by it" in str(judged)
+    for unit, verdict in (("N*m", "pass"), ("1000 N*m", "fail")):
+        known = read_prepared(path, Preparation(units={"Mz": unit})).recording
+        assert judge_recording(known, limit).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Scale: 1",
+        "Gain,1.0",
+        "Calibration date: 2024-05-01",
+        "Full scale: 10 V",
+        "Range 5",
+        "Test run 7",
+    ],
+)
+def test_lines_on_top_that_are_no_factor_leave_no_doubt(tmp_path, line):
+    read = read_recording(_csv_of(tmp_path / "a.csv", line, "Time [s],Mz [N m]"))
+    assert judge_recording(read, Limit("10 N*m", "10 Hz", "100 Hz")).verdict == "pass"
 
 
 @pytest.mark.parametrize("ending", ["uff", "mat", "csv"])

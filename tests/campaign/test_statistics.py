@@ -22,6 +22,7 @@ from microvib.reports.campaign.report import (
     above_limit,
     allowed_by,
     campaign_outcome,
+    missing_percentile_reason,
     summarise,
 )
 from microvib.reports.document import Table
@@ -32,7 +33,7 @@ from microvib.studies.campaign import effects, statistics
 from microvib.studies.campaign.cases import VERDICTS
 from microvib.studies.campaign.design import design
 from microvib.studies.campaign.effects import _first_and_total, sobol, tornado
-from microvib.studies.campaign.results import DONE, MISSING, merge, open_results
+from microvib.studies.campaign.results import DONE, FAILED, MISSING, merge, open_results
 from microvib.studies.campaign.run import compute_missing
 from microvib.studies.campaign.statistics import (
     LARGEST_LINE,
@@ -117,7 +118,7 @@ class _Cases:
         self.campaign = SimpleNamespace(
             design=SimpleNamespace(
                 samples=samples, cases=400, uncertain=(1,), levels=(), random=True, study=study, level_text=lambda k: "",
-                base=SimpleNamespace(record=record),
+                base=SimpleNamespace(record=record), keys=(),
             )
         )  # fmt: skip
         self.verdicts = verdicts
@@ -151,6 +152,97 @@ def test_any_line_is_above_wherever_one_line_is_and_what_is_unknown_widens_its_i
     assert mode.exceedance.low == 0.0
     assert mode.exceedance.high == pytest.approx(proportion(214, 400).high)
     assert above_limit(mode).startswith("0 of 400, 214 not judged: 0 % (0 to 58")
+
+
+class _Hidden(_Cases):
+    """200 draws of a line that is the larger the nearer a mode is, and hidden in the 19 largest."""
+
+    lines = ("full_step_1", "array_mode_1")
+    state, records = np.full(200, DONE), np.zeros(200)
+    truth = np.linspace(0.010, 0.050, 200)
+
+    def __init__(self, in_bin: float = 0.05, failed: int = 0) -> None:
+        super().__init__(np.zeros(200))
+        design = self.campaign.design
+        design.samples, design.cases = np.arange(200.0)[:, None], 200
+        self.in_bin, self.hidden = in_bin, np.arange(200) >= 181
+        self.state = np.where(np.arange(200) < failed, FAILED, DONE)
+        self.clock_lines = {"full_step_1": np.full(200, 2.67)}
+
+    def of(self, line: str, figure: str = "amplitude") -> np.ndarray:
+        of_mode = line == "array_mode_1"
+        values = {
+            "amplitude": np.full(200, 0.001) if of_mode else self.truth,
+            "frequency": np.full(200, 2.0 if of_mode else 2.67),
+            "bin_amplitude": np.full(200, self.in_bin),
+            "decay": np.full(200, 0.5 if of_mode else 0.0),
+        }[figure]
+        lost = (self.state == FAILED) | (self.hidden & (figure != "bin_amplitude"))
+        return np.where(lost, np.nan, values)
+
+    def status(self, line: str) -> np.ndarray:
+        known = "decaying" if line == "array_mode_1" else "ok"
+        said = np.where(self.hidden, "not separable from another line", known)
+        return np.where(self.state == FAILED, "", said).astype(object)
+
+
+def _rows_of(results: _Hidden) -> dict[str, statistics.LineStatistics]:
+    return {row.line: row for row in line_statistics(results, None, (2.5, 5.0))}
+
+
+@pytest.mark.parametrize("line", ["full_step_1", LARGEST_LINE])
+def test_percentiles_count_the_draws_whose_line_is_hidden(line):
+    """They were left out, and lie at the top: P95 was 46 mN m less than an interval below the truth."""
+    row, truth = _rows_of(_Hidden())[line], quantile(_Hidden.truth, 0.95)
+    assert (row.count, row.drawn, row.not_known) == (181, 200, 19)
+    assert row.p95.low <= truth.low < truth.high <= row.p95.high
+    assert row.p95.high == pytest.approx(10.0 * 0.05)
+    assert math.isnan(row.p95.value)
+    assert math.isnan(row.mean)
+    assert [(gap.what, n) for gap, n in row.gaps] == [("not separable from another line", 19)]
+    assert row.median.high >= quantile(_Hidden.truth, 0.5).high
+
+
+def test_hidden_draws_that_decide_no_percentile_leave_its_figure():
+    """At most 20 mN m where the largest known one is more than that: ten times a bin of 2 mN m."""
+    row, known = _rows_of(_Hidden(in_bin=1e-5))["full_step_1"], _Hidden.truth[:181]
+    at_bottom = np.concatenate([np.zeros(19), known])
+    assert row.p95.value == pytest.approx(quantile(at_bottom, 0.95).value)
+    assert row.p95.low == quantile(at_bottom, 0.95).low
+
+
+@pytest.mark.parametrize("results", [_Hidden(in_bin=np.nan), _Hidden(in_bin=1e-5, failed=30)])
+def test_a_percentile_that_nothing_bounds_is_not_given(results):
+    row = _rows_of(results)[LARGEST_LINE]
+    assert np.isnan([row.p95.value, row.p95.low, row.p95.high]).all()
+    assert missing_percentile_reason(row, 0.95).startswith("open: not known in")
+    assert row.drawn == 200
+    if np.any(results.state == FAILED):
+        assert math.isfinite(row.median.high)
+        assert dict(row.gaps)[statistics.GAPS[statistics.NO_FIGURES]] == 30
+
+
+def test_a_line_that_dies_away_counts_from_its_mean_to_its_start():
+    """Amplitude exp(-t/2 s) over 4 s: 2/(1 - exp(-2)) times its mean at the start."""
+    rows = {row.line: row for row in line_statistics(_Hidden(), None, (1.5, 2.5))}
+    row = rows["array_mode_1"]
+    assert row.median.low == pytest.approx(0.001)
+    assert statistics.GAPS[statistics.CHANGING] in dict(row.gaps)
+    bounds = statistics.line_bounds(_Hidden(), "array_mode_1", (1.5, 2.5))
+    assert bounds.most[:181] == pytest.approx(0.001 * 2.0 / (1.0 - np.exp(-2.0)))
+
+
+def test_a_hidden_line_of_the_clock_is_where_it_is_expected():
+    """Not at the median of where it was found."""
+    results = _Hidden()
+    results.clock_lines["full_step_1"] = np.where(results.hidden, 7.0, 2.67)
+    assert _rows_of(results)["full_step_1"].not_known == 0
+
+
+def test_the_exceedance_of_amplitudes_counts_those_that_nothing_bounds():
+    x, part = statistics.exceedance(np.array([2.0, math.inf, 1.0, math.nan]))
+    assert x.tolist() == [1.0, 2.0]
+    assert part == pytest.approx([2 / 3, 1 / 3])
 
 
 def test_a_line_where_nothing_is_limited_has_no_exceedance(monkeypatch):
@@ -491,12 +583,14 @@ def test_a_line_above_the_passband_of_some_draws_is_neither_0_nor_left_out(tmp_p
     rate = np.degrees(results.scalar("tracking.rate"))
     above = rate > 0.35 * 82.0 / 53.0133 * 0.06
     assert 0 < np.sum(above) < 16
-    assert row.unseen == np.sum(above)
-    assert row.count + row.unseen == 16
+    assert row.not_known == np.sum(above)
+    assert row.count + row.not_known == 16
     assert row.above == 0
-    assert row.unknown >= row.unseen
+    assert row.unknown >= row.not_known
     assert row.judged == 16
     assert math.isnan(row.median.high)
     assert row.exceedance.high > 0.5
     below = line_statistics(results, 1.0, (5.0, 28.0))
-    assert all(row.unseen == 0 for row in below)
+    above_passband = statistics.GAPS[statistics.ABOVE_PASSBAND]
+    assert above_passband in dict(row.gaps)
+    assert all(above_passband not in dict(row.gaps) for row in below)

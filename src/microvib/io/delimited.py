@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from microvib.io.csv_cells import unescape_formula
-from microvib.io.measured import Column, Hints, recording_of, stated_rates
+from microvib.io.measured import Column, Hints, names_factor, recording_of, stated_rates
 from microvib.io.timestamps import in_seconds
 from microvib.testdata.channels import is_unit, named_unit, yaml_quoted
 from microvib.testdata.recording import Recording, RecordingError
@@ -36,6 +36,10 @@ _SAID = re.compile(
     r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?) ?([^;,\t]{0,30}?)\W*"
 )
 """A line on top such as ``Sampling interval [ms]: 0.25``: name, unit, number, unit."""
+_SAID_WITH_BLANK = re.compile(
+    r"\W*([A-Za-z_]\w*(?:[ /-][A-Za-z]\w*){0,5}) ()([+-]?[\d.,]+(?:[eE][+-]?\d+)?) ?([^;,\t]{0,30}?)\W*"
+)
+"""One that only a blank parts, such as ``Amplifier gain 10``, of factors alone."""
 _THOUSANDS = re.compile(r"\d{1,3}([.,])\d{3}")
 
 
@@ -81,6 +85,8 @@ class _Header:
     names: list[str]
     units: list[str]
     is_in_file: bool = True
+    in_brackets: tuple[str, ...] = ()
+    """Units in the brackets of the names, above a row of units."""
 
 
 def read_delimited(path: Path, hints: Hints) -> Recording:
@@ -110,8 +116,14 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
     if not (header.is_in_file or is_sampling_known):
         raise _unnamed_columns(header.names)
     columns = [
-        Column(name, values, unit, rates, scales=said)
-        for name, values, unit in zip(header.names, data.T, header.units, strict=True)
+        Column(name, values, unit, rates, scales=said, units={"in its header": own} if own else {})
+        for name, values, unit, own in zip(
+            header.names,
+            data.T,
+            header.units,
+            header.in_brackets or [""] * layout.width,
+            strict=True,
+        )
     ]
     return recording_of(columns, hints, notes)
 
@@ -227,6 +239,7 @@ def _header_of_units_below(names: list[str], units: list[str]) -> _Header:
     return _Header(
         [name or _nth_column(k) for k, (name, _) in enumerate(named)],
         [unit or own for unit, (_, own) in zip(below, named, strict=True)],
+        in_brackets=tuple(own for _, own in named),
     )
 
 
@@ -309,9 +322,12 @@ def _header_values(top: Sequence[str], decimal: str) -> dict[str, str]:
     for line in top:
         if len(line) > LONGEST_SAID:
             continue
-        said = _SAID.fullmatch(
-            re.sub(r" ?([:=;,\t]) ?", r"\1", re.sub(r'[ "]+', " ", line.strip()))
-        )
+        plain = re.sub(r" ?([:=;,\t]) ?", r"\1", re.sub(r'[ "]+', " ", line.strip()))
+        said = _SAID.fullmatch(plain)
+        if said is None:
+            said = _SAID_WITH_BLANK.fullmatch(plain)
+            if said is not None and not names_factor(said[1]):
+                continue
         if said is None or (
             _THOUSANDS.fullmatch(said[3]) and said[3].lstrip("+-0123456789")[:1] != decimal
         ):

@@ -178,21 +178,18 @@ def _tdms_column(channel: Any, grouped: bool) -> Column:
     rates = stated_rates({k: v for k, v in said.items() if not k.startswith("wf_")})
     scales = {k: v for k, v in said.items() if not k.startswith(("wf_", "NI_"))}
     values = np.asarray(channel[:], dtype=float)
-    return Column(name, values, _tdms_unit(channel, name), rates, axis=axis, scales=scales)
+    units = _tdms_units(channel)
+    unit = next(iter(units.values()), "")
+    return Column(name, values, unit, rates, axis=axis, scales=scales, units=units)
 
 
-def _tdms_unit(channel: Any, name: str) -> str:
-    """The unit that the properties of a channel say; RecordingError where they say two."""
-    given = {
-        key: str(value).strip()
+def _tdms_units(channel: Any) -> dict[str, str]:
+    """Units that the properties of a channel say, by where they stand."""
+    return {
+        f"in its {key}": str(value).strip()
         for key, value in channel.properties.items()
         if key.lower() in _TDMS_UNITS and str(value).strip()
     }
-    if len(set(given.values())) > 1:
-        raise RecordingError(
-            f"channel {name} has two units: {', '.join(f'{v} by {k}' for k, v in given.items())}"
-        )
-    return next(iter(given.values()), "")
 
 
 def _waveform_axis(said: dict[str, Any]) -> Axis:

@@ -20,9 +20,11 @@ from microvib.testdata.channels import (
     load_in_name,
     named_unit,
     seconds_per,
+    units_contradict,
     what_is_measured_in,
     yaml_quoted,
 )
+from microvib.testdata.force_table import UnusableBand
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.time_axis import agrees, regular_rate, snapped_rate
 from microvib.units import convert
@@ -61,6 +63,15 @@ _SCALE_STARTS = re.compile(
     r"|volts?per|(eu|units?|n|nm)per|vrange"
 )
 """Words in, or at the start of, the names of scale factors of converter counts."""
+_FACTOR = re.compile(
+    r"sensi|empfind|scal(e|ing)|skal|gain|verst(ae|ä)rk|amplif|fa[ck]tor|multip|calib|kalib|convers|(units?|eu|n|nm)per"
+)
+"""Words in the names of factors that turn samples, also decimals, into a unit."""
+_NO_FACTOR = re.compile(
+    r"full|range|time|zeit|dat(e|um)|due|number|nummer|serial|version|interval|year|valid|crest|decim|oversampl|averag"
+    r"|uncertain|error|safety|damp|quality|power|certific|type|mode|(x|nr|no|id|lab)$"
+)
+"""Words, at the start of which a name is of no such factor."""
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüé]+|\d+")
 _NOT_SCALED = re.compile(r"[01](\.0*)?")
 
@@ -108,6 +119,8 @@ class Column:
     """Metadata of the samples that may be the scale of a converter's counts: numbers and
     texts by name.
     """
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Further units that the file gives, by where they stand."""
     field: str = ""  # where the samples are in the file, if that is not the name
     unfit: str = ""  # why it is no time history, where it is none
 
@@ -199,11 +212,14 @@ def recording_of(
     _check_alike(channels, [column for column in named if id(column) not in used], rate, said)
     said += [note for channel in channels for note in _integer_notes(channel, hints)]
     said += [note for channel in channels for note in _not_a_number_notes(channel)]
+    lost = tuple(band for channel in channels for band in _uncertain_scale(channel, hints))
+    said += [band.why for band in lost]
     return Recording(
         {channel.name: channel.values for channel in channels},
         rate,
         {channel.name: channel.unit.strip().strip("[]").strip() for channel in channels},
         notes=tuple(dict.fromkeys(filter(None, said))),
+        lost=lost[:1],
         axes=_other_names(channels, named, columns),
     )
 
@@ -249,6 +265,51 @@ def _integer_notes(channel: Column, hints: Hints) -> Iterator[str]:
     )
 
 
+def _uncertain_scale(channel: Column, hints: Hints) -> Iterator[UnusableBand]:
+    """Band in which a load is uncertain: all, where its file has a factor that its samples may hold already."""
+    decided = channel.name in hints.units or channel.name in hints.sensitivity
+    unwanted = hints.channels and channel.name not in hints.channels
+    if decided or unwanted or as_load(f"1 {channel.unit}") is None:
+        return
+    found = next((x for x in channel.scales.items() if _is_factor(*x)), None)
+    if found is None:
+        return
+    name, value = found
+    shown = value if isinstance(value, str) else f"{float(np.ravel(value)[0]):.6g}"
+    key, unit = yaml_quoted(channel.name), channel.unit.strip().strip("[]").strip()
+    yield UnusableBand(
+        0.0,
+        math.inf,
+        f"the file says '{name}: {shown[:40]}', and not whether the samples of {channel.name} are already"
+        f" multiplied by it; add to the preparation file units: {{{key}: {unit}}} if they are, or what 1 in"
+        f" the file stands for, such as units: {{{key}: 1000 {unit}}}",
+        "scale",
+    )
+
+
+def _is_factor(name: str, value: Any) -> bool:
+    """Whether what stands beside samples may be a factor on them, and is none that leaves them as they
+    are.
+    """
+    if not names_factor(name):
+        return False
+    if isinstance(value, str):
+        number = _QUANTITY.fullmatch(value)
+        if number is None or _NOT_SCALED.fullmatch(value.strip()):
+            return False
+        return float(number[1]) != 0.0
+    numbers = np.ravel(np.asarray(value))
+    return bool(
+        numbers.size and numbers.dtype.kind in "fiu" and np.any((numbers != 0) & (numbers != 1))
+    )
+
+
+def names_factor(name: str) -> bool:
+    """Whether a number of this name may be a factor on samples, whole or not."""
+    words = [word.lower() for word in _WORDS.findall(name.rsplit(".", 1)[-1])]
+    return bool(_FACTOR.search("".join(words))) and not any(map(_NO_FACTOR.match, words))
+
+
 def _not_a_number_notes(channel: Column) -> Iterator[str]:
     bad = int(np.count_nonzero(~np.isfinite(channel.values)))
     if bad:
@@ -272,6 +333,7 @@ def _with_units(columns: list[Column], hints: Hints) -> list[Column]:
     found = []
     for column in columns:
         name, unit = load_in_name(column.name)
+        _check_one_unit(column, hints)
         if column.unit or not unit or is_time(column.name):
             found.append(column)
             continue
@@ -281,6 +343,31 @@ def _with_units(columns: list[Column], hints: Hints) -> list[Column]:
             shorter = column.name
         found.append(replace(column, name=shorter, unit=unit))
     return found
+
+
+def _check_one_unit(column: Column, hints: Hints) -> None:
+    """RecordingError where name, file or row of units give a channel different ones, and no preparation
+    says which one counts.
+    """
+    wanted = not hints.channels or column.name in hints.channels or is_time(column.name)
+    decided = {*hints.units, *hints.sensitivity}
+    if not wanted or column.name in decided or load_in_name(column.name)[0] in decided:
+        return
+    for where, unit in _other_units(column).items():
+        if units_contradict(unit, column.unit):
+            raise RecordingError(
+                f"channel {column.name} has two units, '{unit}' {where} and '{column.unit.strip()}' beside it; add the"
+                f" right one to the preparation file, such as units: {{{yaml_quoted(column.name)}:"
+                f" {unit}}}",
+                remedy="prepare",
+            )
+
+
+def _other_units(column: Column) -> dict[str, str]:
+    """Units that a channel has beside that which counts first, by where they stand."""
+    in_name = load_in_name(column.name)[1] or named_unit(column.name.rsplit(".", 1)[-1])[1]
+    named = {"in its name": in_name} if in_name else {}
+    return named | dict(column.units)
 
 
 def _time_history_columns(columns: list[Column], hints: Hints, said: list[str]) -> list[Column]:

@@ -179,7 +179,9 @@ class _Struct:
             units = self.units or [self.unit_of.get(key, "")]
             yield from _matrix(where, values, self.names, units, around)
         else:
-            yield around.column(self._label(key), values, self._unit(key), where)
+            said = self._units(key)
+            own = next(iter(said.values()), "")
+            yield replace(around.column(self._label(key), values, own, where), units=said)
 
     def _holds_values(self, key: str) -> bool:
         """Whether a field is called what the struct's own samples are."""
@@ -192,16 +194,14 @@ class _Struct:
             return self.names[0] or self.name
         return self.name
 
-    def _unit(self, key: str) -> str:
-        if self.unit_of.get(key):
-            return self.unit_of[key]
+    def _units(self, key: str) -> dict[str, str]:
+        """Units of a channel by where the struct says them; the first counts."""
+        said = {"in a field of its own": self.unit_of.get(key, "")}
         if key in self.names and len(self.units) == len(self.names):
-            unit = self.units[self.names.index(key)]
-            if unit:
-                return unit
-        if len(self.units) == 1 and (self._holds_values(key) or len(self.channels) == 1):
-            return self.units[0]
-        return ""
+            said["in the list of units"] = self.units[self.names.index(key)]
+        elif len(self.units) == 1 and (self._holds_values(key) or len(self.channels) == 1):
+            said["in the struct's unit"] = self.units[0]
+        return {where: unit for where, unit in said.items() if unit}
 
 
 def _scope(

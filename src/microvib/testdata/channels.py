@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import math
 import re
 
 from microvib.units import convert
@@ -175,6 +177,36 @@ def is_unit(text: str) -> bool:
         or as_load(f"1 {text}") is not None
         or any(_is_compatible(f"1 {text}", unit) for unit in _OTHERS)
     )
+
+
+def units_contradict(one: str, other: str) -> bool:
+    """Whether two units that a file gives to one channel are not the same; no texts that are none."""
+    one, other = (x.strip().strip("[]()").strip() for x in (one, other))
+    if one.lower() == other.lower() and one[:1] == other[:1]:
+        return False
+    if not (is_unit_of_anything(one) and is_unit_of_anything(other)):
+        return False
+    sizes = [_sizes(x) for x in (one, other)]
+    return not any(
+        kind in sizes[1] and math.isclose(size, sizes[1][kind], rel_tol=1e-6)
+        for kind, size in sizes[0].items()
+    )
+
+
+def is_unit_of_anything(text: str) -> bool:
+    """Whether a text is a unit of what recordings hold, or of their time axis."""
+    return bool(text) and (is_unit(text) or seconds_per(text) is not None)
+
+
+def _sizes(unit: str) -> dict[str, float]:
+    """Size of a unit in each of those that it goes with; of counts 1."""
+    if unit.lower() in COUNTS:
+        return {"count": 1.0}
+    sizes = {"s": seconds_per(unit)}
+    for known in (*LOADS, *_OTHERS[1:]):
+        with contextlib.suppress(ValueError):
+            sizes[known] = convert(f"1 {unit}", known)
+    return {known: size for known, size in sizes.items() if size is not None}
 
 
 def _is_compatible(text: str, unit: str) -> bool:

@@ -29,8 +29,8 @@ class UnusableBand(NamedTuple):
     low: float
     high: float
     why: str
-    cause: Literal["table", "chain", "trend"] = "table"
-    """Force table, measuring chain, or a polynomial that was removed."""
+    cause: Literal["table", "chain", "trend", "scale"] = "table"
+    """Force table, measuring chain, a polynomial that was removed, or a scale that may be missing."""
 
 
 @dataclass(frozen=True, eq=False)

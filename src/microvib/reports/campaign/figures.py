@@ -13,7 +13,7 @@ from microvib.signals.limit_curve import LimitCurve
 from microvib.studies.campaign import statistics
 from microvib.studies.campaign.design import Design
 from microvib.studies.campaign.effects import Indices, Tornado
-from microvib.studies.campaign.results import Results
+from microvib.studies.campaign.results import MISSING, Results
 from microvib.studies.campaign.statistics import Level, LineStatistics, amplitudes
 from microvib.studies.campaign.variation import Levels, Varied
 from microvib.units import convert, pretty
@@ -105,6 +105,11 @@ def _of_level(results: Results, level: Level) -> np.ndarray:
     )
 
 
+def _computed(results: Results, counted: np.ndarray) -> np.ndarray:
+    """Numbers of those of the ``counted`` cases, bool (cases,), that were computed."""
+    return np.flatnonzero(counted & (results.state != MISSING))
+
+
 def histograms(
     results: Results,
     lines: Sequence[str],
@@ -118,11 +123,12 @@ def histograms(
     for ax, line in zip(axes, lines, strict=True):
         x = amplitudes(results, line, band)[counted]
         x = 1e3 * x[np.isfinite(x)]
+        drawn = statistics.bounds_of(results, line, band).of(_computed(results, counted))
         bins = int(np.clip(math.sqrt(x.size), 5, 60))
         ax.hist(x, bins=bins, color=sheets.BLUE, edgecolor="white", linewidth=0.4)
         for q, style in ((0.5, "-"), (0.95, "--"), (0.99, ":")):
-            if x.size >= statistics.draws_needed(q):
-                point = float(np.quantile(x, q))
+            point = 1e3 * drawn.quantile(q).value
+            if math.isfinite(point):
                 ax.axvline(
                     point, color="#333333", linestyle=style, linewidth=1.0, label=f"{100 * q:g} %"
                 )
@@ -156,22 +162,24 @@ def exceedances(
     band: Band,
     level: Level,
 ) -> Figure:
-    """Part of the draws of one level in which a line is larger than an amplitude."""
+    """Part of the draws of one level in which a line is larger than an amplitude, at least and, thin, at
+    most where some do not tell it.
+    """
     counted = _of_level(results, level)
     figure, ax = sheets.one_axes(3.4)
     styles = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
     for k, line in enumerate(lines):
-        x, part = statistics.exceedance(amplitudes(results, line, band)[counted])
-        colour = sheets.COLOURS[k % len(sheets.COLOURS)]
-        ax.step(
-            1e3 * x,
-            part,
-            where="post",
-            color=colour,
-            linestyle=styles[k % len(styles)],
-            linewidth=1.5,
-            label=line,
-        )
+        drawn = statistics.bounds_of(results, line, band).of(_computed(results, counted))
+        style: dict[str, Any] = {
+            "where": "post",
+            "color": sheets.COLOURS[k % len(sheets.COLOURS)],
+            "linestyle": styles[k % len(styles)],
+        }
+        x, part = statistics.exceedance(drawn.least)
+        ax.step(1e3 * x, part, linewidth=1.5, label=line, **style)
+        if drawn.gap.any():
+            x, part = statistics.exceedance(drawn.most)
+            ax.step(1e3 * x, part, linewidth=0.7, **style)
     if not isinstance(limit, LimitCurve):  # each line has its own
         _limit(ax, limit)
     ax.set(
@@ -280,6 +288,18 @@ def over_levels(results: Results, lines: Sequence[str], band: Band) -> Figure:
     return figure
 
 
+def _medians(bounds: statistics.Bounds, levels: int) -> np.ndarray:
+    """Median of the cases of each level, (levels,); nan where those that are not known decide it."""
+    found = np.full(levels, math.nan)
+    for k, (least, most) in enumerate(
+        zip(*(x.reshape(levels, -1) for x in (bounds.least, bounds.most)), strict=True)
+    ):
+        known = np.isfinite(least)
+        if known.any() and np.median(least[known]) == np.median(most[known]):
+            found[k] = np.median(least[known])
+    return found
+
+
 def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band: Band) -> None:
     design, numeric = results.campaign.design, levels.numeric
     x = np.arange(len(levels.values), dtype=float)
@@ -288,11 +308,13 @@ def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band
     level = design.level_numbers(levels.key)[:: design.samples.shape[0]]
     for k, line in enumerate(lines):
         cells = amplitudes(results, line, band).reshape(level.size, -1)
-        groups = [[c for c in cells[level == n] if np.isfinite(c).any()] for n in range(x.size)]
+        middle = _medians(statistics.bounds_of(results, line, band), level.size)
+        seen = np.isfinite(cells).any(axis=1)
+        groups = [seen & (level == n) for n in range(x.size)]
         # a level that no case has an amplitude at is left out of the curves
         median, low, high = (
-            1e3 * np.array([of([float(end(c)) for c in g]) if g else math.nan for g in groups])
-            for of, end in ((max, np.nanmedian), (min, np.nanmin), (max, np.nanmax))
+            1e3 * np.array([of(values[g]) if g.any() else math.nan for g in groups])
+            for of, values in ((np.max, middle), (np.nanmin, cells), (np.nanmax, cells))
         )
         colour = sheets.COLOURS[k % len(sheets.COLOURS)]
         ax.plot(

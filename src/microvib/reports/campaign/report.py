@@ -46,6 +46,7 @@ from microvib.studies.campaign.statistics import (
     NO_ESTIMATE,
     AnyLevel,
     Estimate,
+    Gap,
     LineStatistics,
     WorstCase,
     draws_needed,
@@ -55,6 +56,8 @@ MAX_WORST_CASES = 5
 """Worst cases that are listed for each line."""
 MAX_RANK = 3
 """Largest number of them in a report."""
+MAX_OPEN_LINES = 4
+"""Further lines that are named of which not all draws are known."""
 MAX_LEVELS = 20
 """Levels, those with the largest lines, that are listed; all of them are in statistics.csv."""
 MAX_REASONS = 10
@@ -211,6 +214,7 @@ def campaign_outcome(s: Summary) -> Outcome:
                 "",
                 (
                     _up_to_the_passband(s),
+                    *map(Text, not_known(s)),
                     *(_levels(s) if s.several else lines),
                     *map(Text, _against_limit(s)),
                 ),
@@ -308,6 +312,41 @@ def _limit_facts(s: Summary) -> Iterator[Fact]:
         yield Fact(SHARE.figure(e.value), label, status)
     elif not s.several:
         yield Fact(above_limit(s.by_level[0]), allowed, status)
+
+
+def not_known(s: Summary) -> Iterator[str]:
+    """Sentence on the draws in which a line is not known, what tells it and what its percentiles are then."""
+    open_rows = [row for row in shown_rows(s) if row.gaps] if s.rows else []
+    if not open_rows:
+        return
+    first, *others = open_rows
+    why = "; ".join(_gap_words(gap, number, s) for gap, number in first.gaps)
+    also = ", ".join(row.line for row in others[:MAX_OPEN_LINES])
+    more = " ..." if len(others) > MAX_OPEN_LINES else ""
+    likewise = (
+        f" Likewise {also}{more}, in up to {max(x.not_known for x in others)} draws."
+        if others
+        else ""
+    )
+    yield (
+        f"In {first.not_known} of {first.drawn} draws the amplitude of {first.line} is not known:"
+        f" {why}. Percentiles reach over all that these may have, without a figure where they"
+        f" decide it; where nothing bounds them from above, none is given.{likewise}"
+    )
+
+
+def _gap_words(gap: Gap, number: int, s: Summary) -> str:
+    """How many draws have a gap, and what closes it."""
+    study = s.results.campaign.design.study
+    remedy = gap.remedy.removesuffix(" or solve: steady") if study.solve == "steady" else gap.remedy
+    return f"{number} {gap.what}" + (f" ({remedy} tells it)" if remedy else "")
+
+
+def missing_percentile_reason(row: LineStatistics, q: float) -> str:
+    """Why a percentile of a line is not given; empty where its draws bound it."""
+    if row.drawn < draws_needed(q):
+        return "too few draws"
+    return f"open: not known in {count_text(row.not_known, 'draw')}" if row.gaps else ""
 
 
 def _against_limit(s: Summary) -> Iterator[str]:
@@ -434,7 +473,7 @@ def _statistics(rows: Sequence[LineStatistics]) -> Table:
         f"{name}{end}_n_m" for name in ("median", "p95", "p99") for end in ("", "_low", "_high")
     ]
     keys += ["largest_n_m", "worst_case", "above"]
-    keys += ["exceedance", "exceedance_low", "exceedance_high", "cases_above_passband"]
+    keys += ["exceedance", "exceedance_low", "exceedance_high", "cases_not_known"]
 
     def cells(e: Estimate | None) -> tuple[float, float, float]:
         known = e or NO_ESTIMATE
@@ -442,7 +481,7 @@ def _statistics(rows: Sequence[LineStatistics]) -> Table:
 
     return Table("statistics", tuple(map(Column, keys)), tuple(
         (r.level.text, r.line, r.count, *r.frequency, r.mean, r.deviation, *cells(r.median), *cells(r.p95), *cells(r.p99),
-         r.largest, r.worst, "" if r.above is None else r.above, *cells(r.exceedance), r.unseen)
+         r.largest, r.worst, "" if r.above is None else r.above, *cells(r.exceedance), r.not_known)
         for r in rows
     ))  # fmt: skip
 
@@ -453,7 +492,10 @@ def _distributions(s: Summary) -> Iterator[Picture]:
     level = s.by_level[0].level
     where = f" At {level.text}, the level with the largest line." if s.several else ""
     given = s.results, [LARGEST_LINE, *s.lines][:6], s.limit, s.band, level
-    caption = f"Fraction of the draws in which a line exceeds an amplitude.{where}"
+    caption = (
+        "Fraction of the draws in which a line exceeds an amplitude; a thin curve beside a thick one is"
+        f" the most that it may be where draws do not tell it.{where}"
+    )
     yield Picture("exceedance", partial(figures.exceedances, *given), "Exceedance", caption)
     caption = (
         "Draws by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point."
@@ -497,6 +539,9 @@ def _effects(s: Summary) -> Iterator[Item]:
         "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest"
         " to highest mean."
     )
+    left_out = max(t.left_out for t in s.tornados)
+    if left_out:
+        caption += f" Cases without an amplitude of a line, up to {left_out}, are left out."
     draw = partial(figures.tornados, s.tornados)
     yield Picture("tornado", draw, "Sensitivity of the lines", caption)
 
@@ -556,12 +601,16 @@ def _how_to_read(s: Summary) -> str:
         f" distribution, for independent draws. A percentile is given where the draws bound it: the"
         " median from"
         f" {draws_needed(0.5)} on, P95 from {draws_needed(0.95)}, P99 from {draws_needed(0.99)}."
+        " A draw that does not tell how large a line is counts with the least and the most that it may be."
     )
     if s.several:
         text += " Levels are judged one by one: a unit runs at a chosen level, not a random one."
     failed = sum(r.level.failed for r in s.by_level)
     if failed:
-        text += f" {count_text(failed, 'case')} without figures (failed, or not computed) are not in them."
+        text += (
+            f" {count_text(failed, 'case')} without figures: failed ones may have any amplitude, and those"
+            " that are not computed are not counted."
+        )
     return f"{text}{band} All figures are the model's, for the assumed spread; they are not those of a measured batch."
 
 

@@ -355,7 +355,7 @@ def assess(
         verdict,
         tuple(why or [WITHIN_UNCERTAINTY]) if verdict == "not judged" else (),
         *_with_values_without(requirement, chosen, rule, _rank_shares(requirement, chosen)),
-        spread=_spread(cases),
+        spread=None if any(one.cases_lack for one in chosen) else _spread(cases),
         errors=evaluate_errors(requirement, tones.errors) if tones.errors else 0.0,
     )
 

@@ -47,6 +47,8 @@ class Tornado:
     effects: tuple[Effect, ...]
     explained: float
     """Part of the variance that the effects explain, R²; nan for one-at-a-time."""
+    left_out: int = 0
+    """Cases in which the line has no amplitude, of which the effects know nothing."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,8 @@ def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado |
     effects.sort(
         key=lambda effect: (not math.isfinite(effect.size), -effect.size)
     )  # what is not known comes last
-    return Tornado(line, float(np.nanmean(y)), tuple(effects), explained)
+    left_out = int(np.sum(~np.isfinite(y)))
+    return Tornado(line, float(np.nanmean(y)), tuple(effects), explained, left_out)
 
 
 def _between_levels(design: Design, levels: Levels, y: np.ndarray) -> Effect:

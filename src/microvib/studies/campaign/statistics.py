@@ -43,7 +43,59 @@ class Estimate:
 
 
 NO_ESTIMATE = Estimate(math.nan, math.nan, math.nan)
-"""Estimate for which the draws are too few."""
+"""Estimate for which the draws are too few, or which those that are not known leave open."""
+
+
+class Gap(NamedTuple):
+    """Why a case does not tell how large a line is."""
+
+    what: str
+    remedy: str
+    """What tells it; empty where nothing does in general."""
+
+
+NONE, HIDDEN, CHANGING, ABOVE_PASSBAND, NO_FIGURES, OTHER = range(6)
+"""Gaps of a case's line, by their places in GAPS."""
+GAPS = (
+    Gap("", ""),
+    Gap("not separable from another line", "a longer record.duration or solve: steady"),
+    Gap("dying away or growing within the record", "a longer record.settle or solve: steady"),
+    Gap("above the passband of the record", "a higher record.sample_rate"),
+    Gap("of a case that failed", ""),
+    Gap("without an amplitude of its own", "a longer record.duration"),
+)
+
+
+class Bounds(NamedTuple):
+    """Amplitudes [N m] that a line has in each case, (cases,) each: nan where a case has none in the
+    band, or is not computed.
+    """
+
+    least: np.ndarray
+    most: np.ndarray
+    """Infinite where nothing bounds it."""
+    gap: np.ndarray
+    """Place in GAPS of why the two differ."""
+
+    def of(self, cases: np.ndarray) -> Bounds:
+        """The part of some cases that have the line, or may have it."""
+        kept = cases[np.isfinite(self.least[cases])]
+        return Bounds(self.least[kept], self.most[kept], self.gap[kept])
+
+    def quantile(self, q: float) -> Estimate:
+        """Quantile of all cases: its interval reaches from the least that they may be to the most,
+        with a figure between where both agree; none where the most is not bounded.
+        """
+        low, high = quantile(self.least, q), quantile(self.most, q)
+        if not math.isfinite(high.high):
+            return NO_ESTIMATE
+        return Estimate(low.value if low.value == high.value else math.nan, low.low, high.high)
+
+    def gaps(self) -> tuple[tuple[Gap, int], ...]:
+        """The gaps and how many cases each has, the most frequent first."""
+        number = np.bincount(self.gap, minlength=len(GAPS))
+        found = [(GAPS[k], int(number[k])) for k in range(1, len(GAPS)) if number[k]]
+        return tuple(sorted(found, key=lambda one: -one[1]))
 
 
 @dataclass(frozen=True)
@@ -64,7 +116,7 @@ class Level:
 @dataclass(frozen=True)
 class LineStatistics:
     """Distribution of one line's amplitude [N m] over the independent draws of one level that have
-    it.
+    it, or may have it.
     """
 
     line: str
@@ -72,7 +124,11 @@ class LineStatistics:
     frequency: tuple[float, float]
     """Smallest and largest frequency [Hz]."""
     count: int
+    """How many of the draws have it with an amplitude."""
+    drawn: int
+    """How many have it, or may have it: those that percentiles are over."""
     mean: float
+    """nan where a draw has no amplitude but may have the line, as the standard deviation."""
     deviation: float
     median: Estimate
     p95: Estimate
@@ -93,8 +149,13 @@ class LineStatistics:
     """Number of draws to which ``above`` and ``unknown`` refer: those with an amplitude, and those without
     that are unknown.
     """
-    unseen: int = 0
-    """How many draws have it above the passband of their record, which are no part of the mean."""
+    gaps: tuple[tuple[Gap, int], ...] = ()
+    """Why it is not known in some draws, and in how many of them, the most frequent first."""
+
+    @property
+    def not_known(self) -> int:
+        """In how many of the draws its amplitude is not known, or to within bounds only."""
+        return sum(count for _, count in self.gaps)
 
 
 def amplitudes_in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
@@ -117,19 +178,115 @@ def above_passband(results: Results, line: str, band: tuple[float, float]) -> np
     if not np.any(absent) or not _is_of_clock(line):
         return np.zeros(absent.size, dtype=bool)
     place = results.clock_lines.get(line, np.full(absent.size, np.nan))
-    return absent & (place > PASSBAND * _sample_rates(results)) & within_band(place, *band)
+    rates = _of_record(results, "sample_rate")
+    return absent & (place > PASSBAND * rates) & within_band(place, *band)
 
 
 def _is_of_clock(line: str) -> bool:
     return not is_unlisted(line) and not LineName.parse(line).is_mode
 
 
-def _sample_rates(results: Results) -> np.ndarray:
-    """Samples per second of each case's record, (cases,)."""
-    design, key = results.campaign.design, "record.sample_rate"
+def _of_record(results: Results, name: str) -> np.ndarray:
+    """A number of each case's record, (cases,): ``sample_rate`` [Hz] or ``duration`` [s]."""
+    design, key = results.campaign.design, f"record.{name}"
     if key in design.keys:
         return results.scalar(key)
-    return np.full(results.state.size, design.base.record.sample_rate)
+    return np.full(results.state.size, getattr(design.base.record, name))
+
+
+def _place(results: Results, line: str) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest frequency [Hz] that a line may have in each case, (cases,) each; nan where
+    that is not known.
+
+    Where it was not found a line of the clock is where it was expected, and any other one where
+    it is in other cases.
+    """
+    f, status = results.of(line, "frequency"), results.status(line)
+    known = f[np.isfinite(f)]
+    low, high = (np.where(np.isfinite(f), f, x) for x in _ends(known))
+    lost = ~np.isfinite(f) & (status != "")
+    if np.any(lost) and _is_of_clock(line):
+        expected = results.clock_lines.get(line, f)
+        low, high = (np.where(lost & np.isfinite(expected), expected, x) for x in (low, high))
+    return low - frequency_error_bound(low), high + frequency_error_bound(high)
+
+
+def _ends(known: np.ndarray) -> tuple[float, float]:
+    return (float(known.min()), float(known.max())) if known.size else (math.nan, math.nan)
+
+
+def _may_be_there(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
+    """Cases that have a line in ``band`` [Hz], or may have it there, bool (cases,)."""
+    status, (low, high) = results.status(line), _place(results, line)
+    there = (status != "") & (status != TRANSIENT)
+    return there & (
+        np.isnan(low) | (within_band(high, band[0], math.inf) & within_band(low, 0.0, band[1]))
+    )
+
+
+def _largest_in_record(results: Results, line: str) -> np.ndarray:
+    """Amplitude of a line where it is largest within its record [N m], (cases,): at the start of one
+    that dies away, and of one that grows what it may end with; nan where it has none.
+    """
+    amplitude, status = results.of(line), results.status(line)
+    fold = results.of(line, "decay") * _of_record(results, "duration")
+    fold = np.where(np.abs(fold) > 1e-9, fold, 1e-9)
+    start = np.maximum(amplitude, amplitude * fold / -np.expm1(-fold))
+    return np.select(
+        [status == "decaying", status == "growing"], [start, GROWTH_FACTOR * amplitude], amplitude
+    )
+
+
+def _is_hidden(status: np.ndarray) -> np.ndarray:
+    return np.char.startswith(status.astype(str), NOT_SEPARABLE)
+
+
+def line_bounds(results: Results, line: str, band: tuple[float, float]) -> Bounds:
+    """Bounds of a line's amplitude in each case that has it in ``band`` [Hz], or may have it there.
+
+    A line that others hide is at most ABOVE_PASSBAND_FACTOR times its bin; of one above the passband
+    of its record, and of a case that failed, nothing is known.
+    """
+    amplitude, status = results.of(line), results.status(line)
+    there = _may_be_there(results, line, band)
+    in_bin = ABOVE_PASSBAND_FACTOR * results.of(line, "bin_amplitude")
+    hidden, faint = _is_hidden(status), status == BELOW_FLOOR
+    found, bounded = np.isfinite(amplitude), (hidden | faint) & np.isfinite(in_bin)
+    start = _largest_in_record(results, line)
+    least = np.select([~there, found], [math.nan, amplitude], 0.0)
+    most = np.select([~there, found, bounded], [math.nan, start, in_bin], math.inf)
+    gap = np.select(
+        [~there | (found & (start <= amplitude)), found, hidden],
+        [NONE, CHANGING, HIDDEN],
+        OTHER,
+    )
+    for cases, why in (
+        (above_passband(results, line, band), ABOVE_PASSBAND),
+        (results.state == FAILED, NO_FIGURES),
+    ):
+        least[cases], most[cases], gap[cases] = 0.0, math.inf, why
+    return Bounds(least, most, gap)
+
+
+def largest_bounds(results: Results, band: tuple[float, float]) -> Bounds:
+    """Bounds of each case's largest line in ``band`` [Hz]: from the largest that is known to the most
+    that any may be.
+    """
+    size = results.state.size
+    least, most, gap = np.full(size, math.nan), np.full(size, math.nan), np.full(size, NONE)
+    for line in results.lines:
+        of_line = line_bounds(results, line, band)
+        larger = np.isfinite(of_line.least) & ~(of_line.most <= most)
+        gap = np.where(larger, of_line.gap, gap)
+        least, most = np.fmax(least, of_line.least), np.fmax(most, of_line.most)
+    return Bounds(least, most, np.where(least == most, NONE, gap))
+
+
+def bounds_of(results: Results, line: str, band: tuple[float, float]) -> Bounds:
+    """Bounds of a line, or of each case's largest (LARGEST_LINE), in ``band`` [Hz]."""
+    if line == LARGEST_LINE:
+        return largest_bounds(results, band)
+    return line_bounds(results, line, band)
 
 
 def largest_line(results: Results, band: tuple[float, float]) -> np.ndarray:
@@ -171,7 +328,7 @@ def line_statistics(
     that any case has.
 
     Rows go level by level, in each the largest line of all (ANY) first, then the lines by falling
-    mean. Levels are never pooled: which of them a unit runs at is not a matter of chance. Of a
+    amplitude. Levels are never pooled: which of them a unit runs at is not a matter of chance. Of a
     sample for Sobol indices only the independent part counts; nothing is told of one-at-a-time
     samples. Unexpected lines (``other_*``) count in ANY only: their names mean nothing across
     cases.
@@ -183,34 +340,28 @@ def line_statistics(
     whole = None if limit is None else case_verdicts(results, limit, band)
     rows: list[list[LineStatistics]] = [[] for _ in levels]
     for name in names:
-        amplitude = amplitudes(results, name, band)
+        amplitude, bounds = amplitudes(results, name, band), bounds_of(results, name, band)
         frequency, verdicts = np.full(amplitude.size, np.nan), whole
-        unseen = np.zeros(amplitude.size, dtype=bool)
-        if name == LARGEST_LINE:
-            for each in results.lines:
-                unseen |= above_passband(results, each, band)
-        else:
-            unseen |= above_passband(results, name, band)
+        if name != LARGEST_LINE:
             frequency = results.of(name, "frequency")
             if limit is not None and whole is not None:
                 verdicts = line_verdicts(results, name, limit, band, whole)
         for level in levels:
             here = np.arange(level.number * points, (level.number + 1) * points)
             drawn = here[counted[here] & np.isfinite(amplitude[here])]
-            hidden = int(np.sum(unseen[here] & counted[here]))
             computed = here[counted[here] & (results.state[here] != MISSING)]
             if drawn.size:
                 line = _LineAtLevel(
                     amplitude[drawn],
                     frequency[drawn],
+                    bounds.of(computed),
                     None if verdicts is None else verdicts[computed],
                     int(here[np.nanargmax(amplitude[here])]),
-                    hidden,
                 )
                 largest = float(amplitude[line.worst])
                 rows[level.number].append(_statistics_of_line(name, level, line, largest))
     return [
-        row for each in rows for row in (*each[:1], *sorted(each[1:], key=lambda row: -row.mean))
+        row for each in rows for row in (*each[:1], *sorted(each[1:], key=lambda row: -row.largest))
     ]
 
 
@@ -221,12 +372,12 @@ class _LineAtLevel:
     amplitude: np.ndarray
     """Amplitudes of the cases that have it, (n,), as the frequency."""
     frequency: np.ndarray
+    bounds: Bounds
+    """Of all computed cases that have it, or may have it."""
     verdicts: np.ndarray | None
     """Verdicts of all computed cases; None without a limit."""
     worst: int
     """Case in which it is largest, of all."""
-    unseen: int = 0
-    """In how many cases it is above the passband."""
 
     def count(self, verdict: int) -> int:
         """In how many cases it was judged so."""
@@ -244,38 +395,26 @@ def _statistics_of_line(
     exceeds = None
     if above is not None and chance and judged:  # a line is not judged where nothing is limited
         exceeds = proportion(above, judged, unknown)
+    whole = x.size == line.bounds.least.size
     return LineStatistics(
         line=name,
         level=level,
         frequency=(float(f.min()), float(f.max())) if f.size else (math.nan, math.nan),
         count=int(x.size),
-        mean=float(x.mean()),
-        deviation=float(x.std(ddof=1)) if chance else math.nan,
-        median=_quantile_with_unseen(x, 0.5, line.unseen),
-        p95=_quantile_with_unseen(x, 0.95, line.unseen),
-        p99=_quantile_with_unseen(x, 0.99, line.unseen),
+        drawn=int(line.bounds.least.size),
+        mean=float(x.mean()) if whole else math.nan,
+        deviation=float(x.std(ddof=1)) if chance and whole else math.nan,
+        median=line.bounds.quantile(0.5),
+        p95=line.bounds.quantile(0.95),
+        p99=line.bounds.quantile(0.99),
         largest=largest,
         worst=line.worst,
         above=above,
         exceedance=exceeds,
         unknown=unknown,
         judged=judged,
-        unseen=line.unseen,
+        gaps=line.bounds.gaps(),
     )
-
-
-def _quantile_with_unseen(x: np.ndarray, q: float, unseen: int) -> Estimate:
-    """Quantile of amplitudes (n,), of which further draws are not known: the interval reaches over
-    all that these may be, without a figure between; none where they leave it open upwards.
-    """
-    if not unseen:
-        return quantile(x, q)
-    least, most = (
-        quantile(np.concatenate([x, np.full(unseen, value)]), q) for value in (0.0, math.inf)
-    )
-    if not math.isfinite(most.high):
-        return NO_ESTIMATE
-    return Estimate(least.value if least.value == most.value else math.nan, least.low, most.high)
 
 
 def case_verdicts(
@@ -312,27 +451,17 @@ def line_verdicts(
     that failed or whose array does not turn, and one within the limit of a record that does not show
     all lines; where it holds a part of a slow cycle, one not far above the limit, too.
     """
-    amplitude, f, status = results.of(line), results.of(line, "frequency"), results.status(line)
-    known = f[np.isfinite(f)]
-    place = np.where(np.isfinite(f), f, np.median(known) if known.size else np.nan)
-    curve, off = in_band(limit, band), frequency_error_bound(place)
-    there = (status != "") & (status != TRANSIENT)
-    there &= within_band(place, curve.low, curve.high) | np.isnan(place)
+    amplitude, status = results.of(line), results.status(line)
+    curve, (low, high) = in_band(limit, band), _place(results, line)
+    there = _may_be_there(results, line, (curve.low, curve.high))
     strict, lenient = (
-        np.where(np.isnan(place), of_all, of(place - off, place + off))
+        np.where(np.isnan(low), of_all, of(low, high))
         for of_all, of in ((curve.least, curve.strictest), (curve.most, curve.most_lenient))
     )
-    falls = np.isin(status, ("decaying", "growing"))
-    fold = (
-        np.where(falls, results.of(line, "decay"), 0.0)
-        * results.campaign.design.base.record.duration
-    )
-    fold = np.where(np.abs(fold) > 1e-9, fold, 1e-9)
-    start = np.maximum(amplitude, amplitude * fold / -np.expm1(-fold))
-    start = np.where(status == "growing", GROWTH_FACTOR * amplitude, start)
+    start = _largest_in_record(results, line)
     sure = np.isin(status, ("ok", BELOW_FLOOR, NOISE_DRIVEN))
-    hidden = np.char.startswith(status.astype(str), NOT_SEPARABLE)
-    small = hidden & (ABOVE_PASSBAND_FACTOR * results.of(line, "bin_amplitude") <= strict)
+    in_bin = ABOVE_PASSBAND_FACTOR * results.of(line, "bin_amplitude")
+    small = _is_hidden(status) & (in_bin <= strict)
     verdict = np.select(
         [
             ~there,
@@ -451,9 +580,13 @@ def proportion(count: int, n: int, unknown: int = 0) -> Estimate:
 
 
 def exceedance(amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sorted amplitudes, (n,), and the part of cases that is larger than each, (n,)."""
-    x = np.sort(amplitude[np.isfinite(amplitude)])
-    return x, 1.0 - np.arange(1, x.size + 1) / max(x.size, 1)
+    """Sorted amplitudes, (n,), and the part of cases that is larger than each, (n,); infinite ones
+    count as cases and are left out.
+    """
+    x = np.sort(amplitude[~np.isnan(amplitude)])
+    part = 1.0 - np.arange(1, x.size + 1) / max(x.size, 1)
+    finite = np.isfinite(x)
+    return x[finite], part[finite]
 
 
 class WorstCase(NamedTuple):

@@ -15,13 +15,19 @@ import numpy as np
 from microvib.errors import OptionError
 from microvib.io.tables import to_json
 from microvib.reports import rendering
-from microvib.reports.campaign.report import Summary, allowed_by, campaign_outcome, summarise
+from microvib.reports.campaign.report import (
+    Summary,
+    allowed_by,
+    campaign_outcome,
+    missing_percentile_reason,
+    summarise,
+)
 from microvib.reports.outcome import page_answer, report, text_files
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.folder import Campaign, create, open_campaign
 from microvib.studies.campaign.results import DONE, Results, merge, open_results
 from microvib.studies.campaign.run import compute_missing
-from microvib.studies.campaign.statistics import LARGEST_LINE, largest_line
+from microvib.studies.campaign.statistics import LARGEST_LINE, LineStatistics, largest_line
 from microvib.studies.workers import in_threads
 from microvib.units import Si, band, convert
 from microvib.web.jobs import ProgressCallback
@@ -96,17 +102,19 @@ def _summary(campaign: Campaign) -> Summary:
 
 
 def _percentiles(s: Summary) -> list[dict[str, Any]]:
-    """Percentiles of the largest line at each level [N m], with their intervals; None where the draws
-    are too few.
-    """
+    """Percentiles of the largest line at each level [N m], with their intervals, or why one is not given."""
+
+    def figures(row: LineStatistics, name: str, q: float) -> dict[str, Any]:
+        return asdict(getattr(row, name)) | {"why": missing_percentile_reason(row, q)}
+
     return [
         {
             "level": row.level.text,
             "draws": row.level.draws,
             "failed": row.level.failed,
-            "median": asdict(row.median),
-            "p95": asdict(row.p95),
-            "p99": asdict(row.p99),
+            "median": figures(row, "median", 0.5),
+            "p95": figures(row, "p95", 0.95),
+            "p99": figures(row, "p99", 0.99),
             "largest": row.largest,
             "case": row.worst,
         }

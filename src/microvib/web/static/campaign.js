@@ -232,7 +232,7 @@ function verdictFacts({ verdict, facts }) {
 /** Percentiles of the largest line with their 95 % confidence, level by level. */
 function percentiles(found) {
   const figure = (value) => (value === null ? DASH : shown(value, "N*m", 4));
-  const span = ({ low, high }) => (low === null ? "too few draws" : `${figure(low)} to ${figure(high)}`);
+  const span = ({ low, high, why }) => (low === null ? why : `${figure(low)} to ${figure(high)}`);
   const columns = [
     ...(found.percentiles.some(({ level }) => level) ? [{ key: "level", title: "level" }] : []),
     { key: "draws", title: "draws" },
