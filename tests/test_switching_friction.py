@@ -187,9 +187,10 @@ def test_friction_that_falls_is_bounded_by_its_limits_or_in_a_steady_motion(exam
     np.testing.assert_allclose(of_steady.los(1e-9), 4.0 * by_energy.los(1e-9), rtol=1e-9)
 
 
-def test_a_held_drive_switches_nothing(example):
+def test_a_load_makes_friction_of_a_drive_that_stands_switch(example):
     parked = with_friction(example, 8, 0.1, 0.1).with_({"tracking.rate": "0 deg/s"})
-    assert not TurningDrives(parked, (MAY_STICK, MAY_STICK)).friction.switches
+    assert TurningDrives(parked, (MAY_STICK, MAY_STICK)).friction.switches
+    assert not TurningDrives(parked, (MAY_STICK, MAY_STICK)).unknown
 
 
 class Shafts(dict[str, np.ndarray]):

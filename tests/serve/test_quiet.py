@@ -27,7 +27,7 @@ PULSE = {
     "driver.proportional_gain": "0 V/A",
     "driver.integral_gain": "0 V/(A*s)",
 }
-WOUND_UP = {"base": "state-1", "changes": {**SHORT, "record.settle": "6 s"}}
+WOUND_UP = {"base": "state-1", "changes": {"record.settle": "2.5 s", "record.duration": "1.5 s"}}
 REQUIREMENT = "requirements: [{name: P-1, metric: rpe, window: 10 ms, limit: 0.02 urad}]"
 TABLE = rows_csv(
     ["i_a", "i_b"],

@@ -7,12 +7,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol, TypeVar
 
 import numpy as np
 
 from microvib.analysis.margins import CLOCK_UNCERTAINTY
+from microvib.model.coupling import receiver_of, source_of
 from microvib.model.drive_states import (
     MAY_STICK,
     DriveStates,
@@ -547,6 +548,16 @@ _FED_BY_FRICTION = (
 )
 
 
+def _with_own_switching(craft: DriveStates) -> DriveStates:
+    """A craft of whose frictions those of the first drive alone may stick and slide in turn."""
+    own = receiver_of(craft.scenario).root.shape[1] + source_of(craft.scenario).M.shape[0]
+    springs = [
+        spring if np.any(spring.on[:own]) else replace(spring, switches=False)
+        for spring in craft.springs
+    ]
+    return replace(craft, springs=tuple(springs))
+
+
 class _OfWing(Protocol):
     """Something of the drive of a wing, by its number."""
 
@@ -575,17 +586,21 @@ class TurningDrives:
         second: Scenario | None = None,
         second_name: str = " of the second wing",
         friction: DriveStates | None = None,
+        other_steps: bool = False,
     ) -> None:
         """Drives of a ``scenario``, of which ``sticking`` tells the shafts that may stick; or the second
         drive alone, where ``second`` tells how that steps, with the name of its wing. ``friction`` is the
-        craft with the frictions that sources act on, where that is another.
+        craft with the frictions that sources act on, where that is another. Of a scenario that holds a second
+        wing whose drive steps as ``other_steps`` says, the first drive alone.
         """
         self.scenario = scenario
         alone, names = second is not None, ("", second_name)
         self.craft = craft_of_drives(scenario, sticking, second, own=not alone)
         given = scenario, self.craft, second, sticking
 
-        wings = (1,) if alone else (0, 1)
+        wings = (1,) if alone else (0,) if other_steps else (0, 1)
+        if other_steps:
+            friction = _with_own_switching(self.craft)
         self.drives = _of_wings(wings, varying_drives(*given))
         self.sines = _of_wings(wings, motor_sines(scenario, self.craft, second))
         self.shafts = _of_wings(wings, shafts_of(scenario, self.craft, sticking, second, names))
@@ -645,7 +660,7 @@ class TurningDrives:
         motion: Callable[[np.ndarray], np.ndarray],
         norm: float,
     ) -> SideLines | None:
-        """What a drive that holds the second wing makes of lines (k,) [Hz] of a ``norm``, which move what is
+        """Lines that a drive which holds the second wing makes of lines (k,) [Hz] of a ``norm``, which move what is
         along a row (n,) of its coordinates by ``motion`` (k,) [rad].
         """
         none = np.zeros(frequency.size)
@@ -891,3 +906,9 @@ class TurningDrives:
         met = np.concatenate([near - main[:, None], -near - main[:, None]], axis=None)
         grid = np.union1d(f, np.concatenate([near, met]))
         return grid[(grid >= max(f[0], 1e-6)) & (grid <= f[-1])]
+
+
+@lru_cache(maxsize=4)
+def turning_drives(scenario: Scenario, sticking: tuple[Sticking, Sticking]) -> TurningDrives:
+    """Drives of a scenario's craft that turn, which every other source of a budget acts on."""
+    return TurningDrives(scenario, sticking)
