@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -257,10 +257,7 @@ def _draw_cases(study: Study, base: Scenario, files: FileAccess) -> Design:
         )
     if not parts and not study.cases and not each:
         raise ScenarioError("vary: missing; at least one key to vary, or cases, is expected")
-    combinations: list[dict[str, Any]] = []
-    for k, item in enumerate(study.cases):
-        with error_context(f"cases.{k}"):
-            combinations.append(_checked(base, item))
+    combinations = list(_combinations(base, study))
     _check_one_place(base, parts, combinations)
     total = (
         max(len(combinations), 1)
@@ -273,6 +270,13 @@ def _draw_cases(study: Study, base: Scenario, files: FileAccess) -> Design:
     return Design(
         study, base, tuple(combinations) or ({},), levels, uncertain, _sample(study, uncertain)
     )
+
+
+def _combinations(base: Scenario, study: Study) -> Iterator[dict[str, Any]]:
+    """Cases that a study lists, each checked in the scenario."""
+    for k, item in enumerate(study.cases):
+        with error_context(f"cases.{k}"):
+            yield _checked(base, item)
 
 
 def _check_one_place(
