@@ -51,7 +51,7 @@ class Gap(NamedTuple):
 
     what: str
     remedy: str
-    """What tells it; empty where nothing does in general."""
+    """Way to find it out; empty where there is none in general."""
 
 
 NONE, HIDDEN, CHANGING, ABOVE_PASSBAND, NO_FIGURES, OTHER = range(6)
@@ -373,7 +373,7 @@ class _LineAtLevel:
     """Amplitudes of the cases that have it, (n,), as the frequency."""
     frequency: np.ndarray
     bounds: Bounds
-    """Of all computed cases that have it, or may have it."""
+    """Bounds of all computed cases that have it, or may have it."""
     verdicts: np.ndarray | None
     """Verdicts of all computed cases; None without a limit."""
     worst: int
