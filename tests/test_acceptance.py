@@ -167,7 +167,7 @@ def commands(page: Path) -> list[str]:
     return [line.strip() for line in text.splitlines() if re.match(r" {4}(microvib|python) ", line)]
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_the_how_to_runs_as_it_stands(tmp_path):
     """Its commands and its Python, in a copy of the example's folder."""
     page = ROOT / "docs" / "howto" / "acceptance-test.md"

@@ -28,6 +28,8 @@ SHORTER: dict[str, list[str]] = {
     "--angles 0:330:30": [*SHORT, "--angles", "0,120"],
     "--orbit": [*SHORT, "--angles", "30:40:10"],
     "--judge 2": ["--count", "2"],
+    "sweep.yaml": [],
+    '--to "0.09 deg/s"': ["--count", "2", "--linear"],
     '--to "0.06 deg/s"': ["--count", "2", "--linear", "--out", "another plan"],
     'rates state-1 --from "0.05 deg/s" --to "0.07 deg/s"': ["--count", "2", "--linear"],
     "microvib rates": ["--count", "2", "--linear", "--from", "0.1 deg/s", "--microsteps", "16,32"],
@@ -72,7 +74,7 @@ NOT_RUN = {
     "--campaign batch --steady": "a campaign of the reader's own; tests/test_budget.py takes one",
     "microvib analyse unit-1.uff": "recordings of the reader's own; tests/test_sections.py makes some",
     "microvib sensitivity my-drive.yaml": "the drive's ranges come from a data sheet; tests/test_sensitivity.py",
-    "microvib profile my-drive.yaml": "a minute; tests/test_profiles.py runs the command",
+    "microvib profile": "a minute; tests/test_profiles.py runs the command",
     "microvib wheel": "waterfalls of the reader's own; tests/test_wheel_waterfalls.py makes some",
     "microvib quiet": "minutes; tests/test_quiet.py and test_commands.py run it",
     "my-drive.yaml --from-datasheet": "asks in a terminal, or writes what is there already; tests/test_new.py",
@@ -101,6 +103,9 @@ GIVEN: dict[str, dict[str, str]] = {
     "docs/howto/export.md": {"my-drive.yaml": DRIVE}
     | {f"examples/{name}": text for name, text in CRAFT.items()},
     "docs/howto/limit-curves.md": {f"examples/{name}": text for name, text in CRAFT.items()},
+    "docs/howto/order-tracking.md": {
+        "bands.csv": "low_hz,high_hz,limit_mn_m\n2,20,15\n20,80,70\n80,150,20\n"
+    },
     "docs/howto/motor.md": {"my-drive.yaml": DRIVE},
     "docs/howto/pointing.md": CRAFT
     | LESS
@@ -120,7 +125,9 @@ def lines_of(page: str) -> list[str]:
     begin = (
         "(?: {4})?" if page.removeprefix("docs/").removesuffix(".md") in AT_A_RELEASE else " {4}"
     )
-    found = re.findall(rf"^{begin}((?:\S*microvib|\S*python3?|pip|curl|ssh) .*)$", text, re.M)
+    found = re.findall(
+        rf"^{begin}((?:[^\s`]*microvib(?! \{{)|\S*python3?|pip|curl|ssh) .*)$", text, re.M
+    )
     return [part.strip() for line in found for part in re.sub(r"\s# .*", "", line).split("&&")]
 
 
@@ -142,10 +149,14 @@ def entry(table: dict, line: str):
     return next((table[words] for words in table if words in line), None)
 
 
-def words_of(line: str) -> list[str]:
+def words_of(line: str) -> tuple[list[str], str]:
+    """Words of a command without what its output is handed on to, and the file that it goes to."""
     program, *words = shlex.split(line)
     assert Path(program).name == "microvib", line
-    return words + (entry(SHORTER, line) or [])
+    words = words[: words.index("|")] if "|" in words else words
+    into = words[words.index(">") + 1] if ">" in words else ""
+    words = words[: words.index(">")] if into else words
+    return words + (entry(SHORTER, line) or []), into
 
 
 @pytest.mark.parametrize(
@@ -162,8 +173,11 @@ def test_the_lines_of_a_page_run_as_printed(page, tmp_path):
         (tmp_path / name).write_text(fewer(text))
     for line in lines_of(page):
         if entry(NOT_RUN, line) is None:
-            done = microvib(*words_of(line), cwd=tmp_path)
+            words, into = words_of(line)
+            done = microvib(*words, cwd=tmp_path)
             assert done.exit_code == 0, (line, done.output)
+            if into:
+                (tmp_path / into).write_text(done.stdout)
 
 
 def test_what_is_left_out_or_shortened_is_on_a_page():

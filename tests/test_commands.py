@@ -109,7 +109,7 @@ DONE = {
 }
 """A command line of each command, in the folder of ``worked``."""
 LONG = {
-    "validate": ["validate"],
+    "validate": ["validate", "goniometer"],
     "quiet": [
         "quiet",
         "state-1",
@@ -122,7 +122,7 @@ LONG = {
         "--set",
         "record.settle=1.5 s",
         "--set",
-        "record.duration=2.5 s",
+        "record.duration=1 s",
     ],
     "statements": ["statements", "draws.csv", "--draws", "1", "--seeds", "1"],
 }

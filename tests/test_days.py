@@ -7,14 +7,18 @@ import re
 import pytest
 from support.days import EXAMPLES, ROOT, begun, blocks, run
 
-pytestmark = pytest.mark.long
-
 
 def plain(text: str) -> str:
     return " ".join(text.split())
 
 
-@pytest.mark.parametrize("page", EXAMPLES)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param("docs/howto/test-day.md", marks=pytest.mark.long),
+        pytest.param("docs/howto/systems-evening.md", marks=pytest.mark.release),
+    ],
+)
 def test_every_command_says_what_is_quoted(page, tmp_path):
     begun(page, tmp_path)
     printed = list(blocks(page))

@@ -27,8 +27,8 @@ from microvib.model.shaft_rates import ShaftRates
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.side_lines import TurningDrives
-from microvib.studies.budget.sources import contribution_of_run
-from microvib.studies.budget.sums import assess, worst_alternative
+from microvib.studies.budget.sources import Contribution, contribution_of_run
+from microvib.studies.budget.sums import Assessment, assess, worst_alternative
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
 SMOOTH = {"coulomb": "0 N*m", "breakaway": "0 N*m", "stribeck_rate": "0.003 deg/s", "viscous": "0.0255 N*m*s/rad"}  # fmt: skip
@@ -494,3 +494,65 @@ def test_friction_that_may_feed_a_mode_leaves_no_bound_and_is_said(one_wing: mv.
     told = TurningDrives(scenario, (slides, SLIDES)).unknown
     assert any("may feed a mode of the craft" in why for why in told)
     assert not TurningDrives(damped, (slides, SLIDES)).unknown
+
+
+WEAK = {**SMOOTH, "coulomb": "0.02 N*m", "breakaway": "0.02 N*m"}
+STANDS = {
+    "friction": ({"friction": WEAK}, "friction that sticks"),
+    "friction of the rotor": ({"motor.friction": WEAK}, "friction that sticks"),
+    "presliding": ({"friction": {**WEAK, "presliding": {"stiffness": "4000 N*m/rad"}}}, "friction that sticks"),
+    "hysteresis": ({"reducer.hysteresis": HYSTERESIS}, "friction that sticks"),
+    "backlash": ({"reducer.backlash": "4 arcsec"}, "part the teeth"),
+    "motor": ({}, "sine of its angle"),
+}  # fmt: skip
+"""What makes of a load on a drive that stands lines at other frequencies, and how budgets say it."""
+
+
+def with_held_wing(one_wing: mv.Scenario, changes: dict[str, object]) -> mv.Scenario:
+    """A second wing that is held, whose drive is as the first, smooth, but for changes."""
+    own, wing = yaml.safe_load(EXAMPLE.read_text()), {**HELD, "friction": SMOOTH}
+    own["motor"]["detent_torque"] = "0 N*m"
+    for key, value in changes.items():
+        group, _, name = key.partition(".")
+        wing[group] = {**own[group], name: value} if name else value
+    return one_wing.with_({"spacecraft.second_wing": wing})
+
+
+def judged_beside(
+    one: Contribution, limit: str, low: str = "56 Hz", high: str = "58 Hz"
+) -> Assessment:
+    keys = {"name": "a", "metric": "ape", "lowest": low, "highest": high, "limit": limit}
+    return assess(Requirement.model_validate(keys), [one], "rss")
+
+
+@pytest.mark.parametrize("what", STANDS)
+@pytest.mark.parametrize("stands", ["parked", "held"])
+def test_what_a_load_makes_of_a_drive_that_stands_counts_at_other_frequencies(
+    one_wing: mv.Scenario, tmp_path: Path, stands: str, what: str
+) -> None:
+    """A band without lines, about the third harmonic of a load at 19 Hz."""
+    changes, why = STANDS[what]
+    if stands == "parked":
+        scenario = one_wing.with_({**changes, "tracking.rate": "0 deg/s"})
+    else:
+        scenario = with_held_wing(one_wing, changes)
+    (tmp_path / "load.csv").write_text("frequency_hz,my_n_m\n19,3\n")
+    keys = {"name": "load", "lines": str(tmp_path / "load.csv"), "position": ["0.2 m", "-0.3 m", "0.1 m"]}  # fmt: skip
+    one = contribution_of_other(OtherSource.model_validate(keys), scenario, FileAccess(tmp_path), (SLIDES, SLIDES))  # fmt: skip
+    found = judged_beside(one, "1e-15 rad")
+    assert found.verdict == "not judged"
+    assert found.value == 0.0
+    assert any(why in said for said in found.why)
+    assert (judged_beside(one, "1 rad").verdict == "pass") == (what != "backlash")
+
+
+@pytest.mark.parametrize("what", [x for x in STANDS if x != "motor"])
+def test_what_lines_of_a_drive_make_of_another_that_holds_counts_at_other_frequencies(
+    one_wing: mv.Scenario, what: str
+) -> None:
+    changes, why = STANDS[what]
+    scenario = with_held_wing(one_wing, changes).with_({"record.start": "steady"})
+    required = {"requirements": [{"metric": "ape", "lowest": "41 Hz", "highest": "41.5 Hz", "limit": "1e-20 rad"}]}  # fmt: skip
+    found = mv.pointing_budget(scenario, Requirements.model_validate(required)).judged[0]
+    assert found.verdict == "not judged"
+    assert any(why in said for said in found.why)

@@ -621,8 +621,10 @@ def test_references_of_another_part_of_the_turn_are_the_same_later(phases, beats
         assert min(apart) < 1e-12
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("late", [0.0, 0.75])
+@pytest.mark.parametrize(
+    "late",
+    [pytest.param(0.0, marks=pytest.mark.release), pytest.param(0.75, marks=pytest.mark.long)],
+)
 def test_without_the_time_before_a_recording_offsets_have_no_signs(late):
     """0.75 s are 0.62 of the electrical turn: a fit that believed the time would have both signs wrong."""
     errors = {"offset_a": 0.006, "offset_b": -0.004}
@@ -660,7 +662,7 @@ def test_a_settling_time_is_fitted_or_its_error_is_stated():
         identify(baseline(), [one], ["record.settle"], settle_error="0.1 s")
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_all_errors_of_the_phases_are_identified():
     check(estimates(ERRORS, seed=1, starts=32, finishes=2), ERRORS)
 

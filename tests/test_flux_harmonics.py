@@ -69,7 +69,7 @@ def drawn(phases, seed):
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.release)])
-@pytest.mark.parametrize("phases", [2, 3, 5])
+@pytest.mark.parametrize("phases", [2, 3, pytest.param(5, marks=pytest.mark.release)])
 def test_lines_are_those_of_windings_integrated_phase_by_phase(phases, seed):
     scenario = baseline().with_si(drawn(phases, seed))
     turn = 2 * math.pi / (scenario.motor.rotor_teeth * scenario.reducer.ratio * abs(scenario.rate))

@@ -60,8 +60,10 @@ def at(problem, values):
     return Optimum(x, r, cost(r))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("model_error", [0.004, 0.0004])
+@pytest.mark.parametrize(
+    "model_error",
+    [pytest.param(0.004, marks=pytest.mark.long), pytest.param(0.0004, marks=pytest.mark.release)],
+)
 def test_the_least_misfit_is_found_from_a_corner_whatever_error_is_stated(made, model_error):
     problem, truth = posed(made, model_error), made[1]
     least = goodness(problem, at(problem, truth).r).chi_square

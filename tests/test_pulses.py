@@ -1,5 +1,6 @@
 """Drives by voltage pulses: against windings integrated one by one by SciPy, and closed forms."""
 
+import itertools
 import math
 from dataclasses import replace
 from functools import cache
@@ -23,6 +24,15 @@ SEEDS, STEPS = (3, 8, 11), 6
 COLUMNS = ("i_A", "i_B", "theta_m", "omega_m", "theta_l", "omega_l")
 FINE = {"solver.accuracy": 1e-6}
 CLAMPS = ("unidirectional", "bidirectional")
+AT_A_RELEASE = ((8, "bidirectional"), (11, "unidirectional"))
+DRAWN = pytest.mark.parametrize(
+    ("seed", "clamp"),
+    [
+        pytest.param(*one, marks=pytest.mark.release if one in AT_A_RELEASE else ())
+        for one in itertools.product(SEEDS, CLAMPS)
+    ],
+)
+"""Each draw, and each clamp on two of them; the others at a release."""
 
 
 def rows_of(scenario, times, names=COLUMNS):
@@ -50,8 +60,7 @@ def columns_of(y):
     return np.column_stack([i, y[:, [TM, WM, TL, WL]]])
 
 
-@pytest.mark.parametrize("clamp", CLAMPS)
-@pytest.mark.parametrize("seed", SEEDS)
+@DRAWN
 def test_angles_rates_and_currents_are_those_of_an_independent_integration(seed, clamp):
     drive, run = clamped(drawn(seed), clamp), by_oracle(seed, clamp)
     assert run.lost == run.gained == 0
@@ -64,8 +73,7 @@ def test_angles_rates_and_currents_are_those_of_an_independent_integration(seed,
     assert difference[4] < 1e-3 * step / drive.ratio
 
 
-@pytest.mark.parametrize("clamp", CLAMPS)
-@pytest.mark.parametrize("seed", SEEDS)
+@DRAWN
 def test_lines_of_the_torque_are_those_of_an_independent_integration(seed, clamp):
     drive, run = clamped(drawn(seed), clamp), by_oracle(seed, clamp)
     scenario = scenario_of(drive, STEPS, **FINE)
@@ -80,8 +88,7 @@ def test_lines_of_the_torque_are_those_of_an_independent_integration(seed, clamp
     assert np.all(np.abs(mine - oracle) < 1e-3 * oracle.max())
 
 
-@pytest.mark.parametrize("clamp", CLAMPS)
-@pytest.mark.parametrize("seed", SEEDS)
+@DRAWN
 def test_a_coarser_run_is_near_and_its_balances_hold(seed, clamp):
     drive, run = clamped(drawn(seed), clamp), by_oracle(seed, clamp)
     motion = mv.simulate(scenario_of(drive, STEPS))

@@ -76,7 +76,9 @@ def bands(frequency: float, resolution: float) -> list[tuple[float, float]]:
 TWO_FULL_STEPS = "two full steps"
 
 
-@pytest.mark.parametrize("duration", [1.0, 1.5, TWO_FULL_STEPS])
+@pytest.mark.parametrize(
+    "duration", [pytest.param(1.0, marks=pytest.mark.release), 1.5, TWO_FULL_STEPS]
+)
 def test_a_short_record_does_not_contradict_a_long_one(drive, known, duration):
     enough = duration == TWO_FULL_STEPS
     if enough:

@@ -34,6 +34,9 @@ DRIVES: dict[str, dict[str, object]] = {
     "all": {"driver.imperfections.gain_b": -0.1, "driver.imperfections.offset_a": 0.08, "motor.detent_torque": "2 mN*m"},
 }  # fmt: skip
 
+IN_CI = ("converter", "table of two", "detent of 8", "half steps", "all")
+"""One of each kind: steps within a turn, orders once a turn and of the detent, the loop's rounding, several together."""
+
 
 def lines_of(drive: VaryingDrive, f: float) -> tuple[np.ndarray, np.ndarray, SideResponse]:
     """Lines (k, 2) that a drive with the currents that are asked for makes of the loads at f [Hz], at most
@@ -51,8 +54,13 @@ def ideal() -> mv.Scenario:
     return smooth_drive()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(x, marks=pytest.mark.long if x in IN_CI else pytest.mark.release)
+        for x in DRIVES
+    ],
+)
 def test_side_lines_are_those_of_the_nonlinear_drive_in_time(ideal, name):
     """The largest within 6 %, of half steps, whose currents the loop rounds, within 15 %, and none above the bound that is above a hundredth of the largest."""
     f, scenario = 7.31, ideal.with_(DRIVES[name])

@@ -94,6 +94,17 @@ def test_the_sine_of_the_motor_makes_no_more_than_the_bound(example):
     assert bound(side, 2.2, 3.2).max() < 1000.0 * third.max()
 
 
+@pytest.mark.long
+def test_friction_of_a_parked_drive_that_a_load_makes_slide_is_below_the_bound(example):
+    scenario = with_friction(example, 16, 0.05, 0.05).with_({"tracking.rate": "0 deg/s"})
+    f, torque = 19.0, 3000.0 * TORQUE
+    found, side = loaded(scenario, f, torque)
+    for low, high in ((5.0, 400.0), (56.0, 58.0)):
+        there = rms_in_band(found.time, found.los, low, high)
+        assert there.min() > 1e-10
+        assert np.all(there <= bound(side, low, high))
+
+
 def source_of(kind: str, folder: Path) -> OtherSource:
     at = {"name": "cooler", "position": ["0.3 m", "-0.2 m", "0.5 m"]}
     table = folder / "table.csv"
@@ -176,9 +187,10 @@ def test_friction_that_falls_is_bounded_by_its_limits_or_in_a_steady_motion(exam
     np.testing.assert_allclose(of_steady.los(1e-9), 4.0 * by_energy.los(1e-9), rtol=1e-9)
 
 
-def test_a_held_drive_switches_nothing(example):
+def test_a_load_makes_friction_of_a_drive_that_stands_switch(example):
     parked = with_friction(example, 8, 0.1, 0.1).with_({"tracking.rate": "0 deg/s"})
-    assert not TurningDrives(parked, (MAY_STICK, MAY_STICK)).friction.switches
+    assert TurningDrives(parked, (MAY_STICK, MAY_STICK)).friction.switches
+    assert not TurningDrives(parked, (MAY_STICK, MAY_STICK)).unknown
 
 
 class Shafts(dict[str, np.ndarray]):

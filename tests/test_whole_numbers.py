@@ -104,7 +104,7 @@ def test_bits_that_the_evidence_does_not_tell_apart_are_told(short):
     assert bits.interval[1] == 14
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_rounding_is_asked_for_where_it_is_and_not_where_it_is_not(short, rounded):
     from microvib.studies.evidence import evidence_of
     from microvib.studies.identify.fit import without_start_dependence

@@ -344,7 +344,7 @@ def band(given: Band) -> tuple[Si, Si]:
     return first, last
 
 
-def within_band(frequency: Any, low: float, high: float, tolerance: float = 0.0) -> Any:
+def within_band(frequency: Any, low: float, high: float, tolerance: Any = 0.0) -> Any:
     """Whether a frequency, known to within ``tolerance``, may be within a band, whose ends belong to it; also
     of arrays.
 
@@ -421,12 +421,20 @@ class Quantity:
             return f"; perhaps {100.0 * meant:.6g} percent was meant"
         return ""
 
+    def _hint(self, text: str) -> str:
+        """Words on a probability in standard deviations; empty for anything else."""
+        if self.display != "percent" or "sigma" not in text.lower():
+            return ""
+        return (
+            "is no probability; write it such as '99.73 percent', 3 sigma of a normal distribution"
+        )
+
     def _number(self, value: Any, in_si: bool) -> float:
         if isinstance(value, str):
             try:
                 return convert(value, self.unit, self.display)
             except ValueError as error:
-                raise self._error(value, str(error)) from error
+                raise self._error(value, self._hint(value) or str(error)) from error
         if isinstance(value, bool) or not isinstance(value, Real):
             raise self._error(value, _no_quantity(self.display or self.unit))
         try:

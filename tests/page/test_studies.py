@@ -13,6 +13,7 @@ from support.page import (
     QUICK,
     SHORT,
     amplitude,
+    api,
     drawn,
     run,
     until,
@@ -149,6 +150,50 @@ def test_a_quieter_drive_over_the_one_before(visit: Callable[..., Any]) -> None:
         f".map((c) => Math.max(...{near_mode}))"
     ):
         assert ringing < 0.1 * before  # both begin in their steady states, where no mode rings
+
+
+CURVE = "frequency_hz,t_mnm\n1,100\n40,100\n40,1\n500,1\n"
+
+
+def test_a_search_by_a_curve_with_a_margin_and_a_table_that_is_judged(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    """A curve from a file and constraints bring a verdict; a table that is judged goes into the form."""
+    (tmp_path / "allowed.csv").write_text(CURVE)
+    page = visit(WOUND_UP)
+    page.click("#tab-quiet")
+    for key, text in (("effort", "4"), ("cases", "8")):
+        page.fill(f"#quiet-{key}", text)
+    page.select_option("#quiet-objective", label="requirements on the line of sight")
+    page.get_by_text("which the scenario on the left does not have").wait_for()
+    assert not page.locator("#quiet-requirement").is_visible()
+    page.select_option("#quiet-objective", label="lines over a limit curve")
+    assert not page.get_by_label("limit for 95 % of cases").is_visible()
+    page.set_input_files("#quiet-curve-file", tmp_path / "allowed.csv")
+    api.expect(page.locator("#quiet-curve")).to_have_value(CURVE)
+    page.get_by_text("Scatter and constraints").click()
+    page.get_by_label("motorisation factors").fill("friction=0.5, total=1.2")
+    page.locator("#quiet button.primary").first.click()
+    page.locator("#quiet [role=alert]").get_by_text("must be at least 1").wait_for()
+    api.expect(page.get_by_label("motorisation factors")).to_be_focused()
+    page.get_by_label("motorisation factors").fill("friction=1.5, total=1.2")
+    page.get_by_label("least torque margin").fill("1")
+    page.locator("#quiet button.primary").first.click()
+    facts = page.locator("#quiet .figures .facts").first
+    facts.get_by_text("lines over the limit curve").wait_for()
+    assert "% of the limit" in facts.inner_text()
+    assert facts.locator(".fail b").inner_text() == "Fail"
+    page.select_option("#quiet-action", label="judge a table of currents")
+    page.fill("#quiet-check", "order,amplitude_deg,phase_deg\n4,2.5,0\n")
+    page.get_by_role("button", name="Judge").click()
+    page.get_by_role("heading", name="The table over the cases").wait_for()
+    page.get_by_role("button", name="Use this drive").click()
+    until(page, "location.hash.includes('driver.table=')")
+    page.reload()
+    page.get_by_role("heading", name="The table over the cases").wait_for()
+    assert page.get_by_role("button", name="Judge").count() == 1
+    assert page.locator("#quiet-check").input_value().startswith("order")
+    assert page.get_by_label("least torque margin").is_visible()  # it has a figure
 
 
 def test_a_cancelled_search_says_its_best_so_far(visit: Callable[..., Any]) -> None:

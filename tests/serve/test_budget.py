@@ -19,8 +19,11 @@ from microvib.studies.budget.study import pointing_budget
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CRAFT = {"text": (EXAMPLES / "spacecraft.yaml").read_text()}
-REQUIREMENT = (EXAMPLES / "requirement.yaml").read_text()
-SOURCES = (EXAMPLES / "sources.yaml").read_text()
+REQUIREMENT = (EXAMPLES / "requirement.yaml").read_text().partition("  - {name: P-2")[0]
+SOURCES = (
+    (EXAMPLES / "sources.yaml").read_text().replace("speed_to: 3000 rpm", "speed_to: 1050 rpm")
+)
+"""One requirement and a fortieth of the wheel's speeds: tests/test_budget.py takes the whole example."""
 WHEEL = """
 sources:
   - name: wheel 2
@@ -30,6 +33,20 @@ sources:
 HARMONICS = "order,radial_force_n_rpm2,radial_torque_n_m_rpm2\n1,1.1e-8,1.1e-9\n2,3.3e-9,4e-10\n"
 
 
+@pytest.fixture
+def files(tmp_path) -> Path:
+    """A folder of the files that requests bring as texts."""
+    given = {
+        "requirement.yaml": REQUIREMENT,
+        "sources.yaml": SOURCES,
+        "harmonics.csv": HARMONICS,
+        "wheel.yaml": WHEEL,
+    }
+    for name, text in given.items():
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
 def begun(client, **asked) -> str:
     answer = client.post("/api/budgets", json={"scenario": CRAFT, "steady": True, **asked})
     assert answer.status_code == 202, answer.text
@@ -37,14 +54,14 @@ def begun(client, **asked) -> str:
 
 
 @pytest.mark.long
-def test_a_budget_is_that_of_the_library_and_has_a_report(client):
+def test_a_budget_is_that_of_the_library_and_has_a_report(client, files):
     """The same files to the last digit, and the report that says the same."""
     id = begun(client, requirement=REQUIREMENT, sources=SOURCES, rule="bound", one_clock=True)
     told = result(client, id)
     expected = budget_outcome(
         pointing_budget(
-            EXAMPLES / "spacecraft.yaml", EXAMPLES / "requirement.yaml", names=["drive"],
-            sources=EXAMPLES / "sources.yaml", steady=True, rule="bound", one_clock=True,
+            EXAMPLES / "spacecraft.yaml", files / "requirement.yaml", names=["drive"],
+            sources=files / "sources.yaml", steady=True, rule="bound", one_clock=True,
         )
     )  # fmt: skip
     assert told["files"] == text_files(expected)
@@ -58,10 +75,10 @@ def test_a_budget_is_that_of_the_library_and_has_a_report(client):
 
 
 @pytest.mark.long
-def test_the_worst_of_several_angles_is_that_of_the_library(client):
+def test_the_worst_of_several_angles_is_that_of_the_library(client, files):
     told = result(client, begun(client, requirement=REQUIREMENT, angles="0,45"))
     expected = budget_over_angles(
-        EXAMPLES / "spacecraft.yaml", EXAMPLES / "requirement.yaml", names=["drive"],
+        EXAMPLES / "spacecraft.yaml", files / "requirement.yaml", names=["drive"],
         angles=["0 deg", "45 deg"], steady=True,
     )  # fmt: skip
     assert told["files"] == text_files(budget_outcome(expected))
@@ -69,22 +86,20 @@ def test_the_worst_of_several_angles_is_that_of_the_library(client):
 
 
 @pytest.mark.long
-def test_a_table_of_the_sources_comes_with_the_request(client, tmp_path):
+def test_a_table_of_the_sources_comes_with_the_request(client, files):
     told = result(
         client,
         begun(client, requirement=REQUIREMENT, sources=WHEEL, tables={"harmonics.csv": HARMONICS}),
     )
-    (tmp_path / "harmonics.csv").write_text(HARMONICS)
-    (tmp_path / "wheel.yaml").write_text(WHEEL)
     expected = pointing_budget(
-        EXAMPLES / "spacecraft.yaml", EXAMPLES / "requirement.yaml", names=["drive"],
-        sources=tmp_path / "wheel.yaml", steady=True,
+        EXAMPLES / "spacecraft.yaml", files / "requirement.yaml", names=["drive"],
+        sources=files / "wheel.yaml", steady=True,
     )  # fmt: skip
     assert told["files"] == text_files(budget_outcome(expected))
 
 
 @pytest.mark.long
-def test_two_designs_are_those_of_the_library(client, tmp_path):
+def test_two_designs_are_those_of_the_library(client, files):
     """The second with other microsteps and sources of its own, whose table comes with the request."""
     fine = {**CRAFT, "changes": {"driver.microsteps": "64"}}
     told = result(
@@ -94,16 +109,14 @@ def test_two_designs_are_those_of_the_library(client, tmp_path):
             tables={"harmonics.csv": HARMONICS},
         ),
     )  # fmt: skip
-    (tmp_path / "harmonics.csv").write_text(HARMONICS)
-    (tmp_path / "wheel.yaml").write_text(WHEEL)
     craft = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml"))
     a, b = (
         pointing_budget(
-            one, EXAMPLES / "requirement.yaml", names=["drive"], steady=True, sources=sources
+            one, files / "requirement.yaml", names=["drive"], steady=True, sources=sources
         )
         for one, sources in (
             (craft, ()),
-            (craft.with_({"driver.microsteps": 64}), tmp_path / "wheel.yaml"),
+            (craft.with_({"driver.microsteps": 64}), files / "wheel.yaml"),
         )
     )
     names = "the scenario in the form", "the second scenario"

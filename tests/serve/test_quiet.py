@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
+
 import pytest
-from support.server import SHORT, items, result, spec
+from support.server import SHORT, items, result, spec, wait
 
 import microvib as mv
 from microvib.io.scenario_file import scenario_of
+from microvib.io.tables import rows_csv
 from microvib.io.yaml_text import parse_yaml
+from microvib.reports.quiet import quiet_outcome
 from microvib.studies.quiet.lever_options import NAMED, named_levers, parse_levers
-from microvib.studies.quiet.study import quiet
+from microvib.studies.quiet.study import Constraints, quiet
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 DRIVE = {"base": "state-1", "changes": SHORT}
 PULSE = {
     "driver.drive": "pulse",
@@ -21,8 +27,15 @@ PULSE = {
     "driver.proportional_gain": "0 V/A",
     "driver.integral_gain": "0 V/(A*s)",
 }
-WOUND_UP = {"base": "state-1", "changes": {**SHORT, "record.settle": "6 s"}}
+WOUND_UP = {"base": "state-1", "changes": {"record.settle": "2.5 s", "record.duration": "1.5 s"}}
+REQUIREMENT = "requirements: [{name: P-1, metric: rpe, window: 10 ms, limit: 0.02 urad}]"
+TABLE = rows_csv(
+    ["i_a", "i_b"],
+    [[math.cos(math.pi * k / 32), math.sin(math.pi * k / 32)] for k in range(64)],
+)
+HARMONIC = "order,amplitude_deg,phase_deg\n4,2.5,0\n"
 SMALL = {"scenario": WOUND_UP, "levers": ["ramp"], "cases": 8, "effort": 4}
+JUDGED = {"scenario": WOUND_UP, "check": HARMONIC, "cases": 8}
 
 
 def choices(client, scenario: dict) -> dict:
@@ -106,18 +119,148 @@ def test_a_quieter_drive_is_that_of_the_library(client):
         assert scenario_of(parse_yaml(text, "x"), "x").driver == expected.quieter.driver
 
 
+CURVE = "frequency_hz,t_mnm\n1,100\n40,100\n40,20\n500,20\n"
+SPREAD = "scenario: any\nvary: {motor.detent_torque: {distribution: uniform, within: 10 percent}}"
+CONSTRAINED = {"margin": "0.5", "factor": ["friction=1.5", "total=1.2"], "lag": "1 deg"}
+
+
+@pytest.mark.long
+def test_a_verdict_by_a_curve_over_a_study_is_that_of_the_command(client, tmp_path):
+    asked = {**JUDGED, **CONSTRAINED, "objective": CURVE, "study": SPREAD}
+    answer = client.post("/api/quiet", json=asked)
+    assert answer.status_code == 202, answer.text
+    told = result(client, answer.json()["id"])
+    sent = (("curve.csv", CURVE), ("study.yaml", SPREAD), ("table.csv", HARMONIC))
+    for name, text in sent:
+        (tmp_path / name).write_text(text)
+    expected = quiet(
+        mv.load_scenario("state-1", WOUND_UP["changes"]),
+        str(tmp_path / "curve.csv"),
+        check=tmp_path / "table.csv",
+        study=tmp_path / "study.yaml",
+        constraints=Constraints.of_texts("0.5", CONSTRAINED["factor"], "1 deg"),
+        cases=8,
+    )
+    outcome = quiet_outcome(expected)
+    assert [fact["value"] for fact in told["facts"]] == [fact.value for fact in outcome.facts]
+    assert "lines over the limit curve." in told["summary"]
+    assert told["verdict"] == outcome.verdict == "fail"
+    assert "% of the limit" in told["facts"][0]["value"]
+    assert "is assumed" not in str(told["parts"][0])
+    [cases] = items(told["parts"][-1], "pairs")
+    assert "motor.detent_torque" in str(cases)
+
+
+@pytest.mark.long
+def test_a_margin_that_nothing_keeps_ends_a_search(client):
+    answer = client.post("/api/quiet", json={**SMALL, "margin": "1e6"})
+    job = wait(client, answer.json()["id"])
+    assert job["state"] == "failed"
+    assert "torque margin" in job["error"]
+    assert "below 1000000.00" in job["error"]
+
+
+@pytest.mark.long
+def test_requirements_are_judged_where_there_is_a_line_of_sight(client):
+    craft = (EXAMPLES / "spacecraft.yaml").read_text()
+    changes = {"record.settle": "4 s", "record.duration": "2 s"}
+    scenario = {"text": craft, "changes": changes}
+    assert choices(client, scenario)["line_of_sight"]
+    assert not choices(client, DRIVE)["line_of_sight"]
+    asked = {**JUDGED, "scenario": scenario, "requirement": REQUIREMENT}
+    answer = client.post("/api/quiet", json=asked)
+    assert answer.status_code == 202, answer.text
+    told = result(client, answer.json()["id"])
+    assert "requirement nearest to its limit, of P-1" in told["summary"]
+    assert "% of the limit" in told["facts"][0]["value"]
+    lacking = client.post(
+        "/api/quiet", json={**asked, "requirement": "requirements: [{metric: rpe}]"}
+    )
+    assert lacking.status_code == 422
+    assert lacking.json()["key"] == "requirement"
+
+
+@pytest.mark.long
+def test_a_table_that_was_sent_is_judged_and_goes_into_the_form(client):
+    asked = {**JUDGED, "objective": "full_step_1", "margin": "1e6", "limit": "1 N*m"}
+    answer = client.post("/api/quiet", json=asked)
+    assert answer.status_code == 202, answer.text
+    told = result(client, answer.json()["id"])
+    assert not told["searched"]
+    assert told["verdict"] == "fail"
+    assert "Not allowed: torque margin" in str(told["parts"][0])
+    [designs] = items(told["parts"][0], "table")
+    before, after = (float(row["nominal"]) for row in designs["rows"])
+    assert after < 0.5 * before
+    assert set(told["scenario_changes"]) == {"driver.table"}
+    changed = {**WOUND_UP["changes"], **told["scenario_changes"]}
+    view = client.post("/api/scenario", json={"base": "state-1", "changes": changed}).json()
+    assert view["errors"] == []
+    driver = scenario_of(parse_yaml(told["files"]["scenario.yaml"], "x"), "x").driver
+    assert scenario_of(parse_yaml(view["yaml"], "x"), "x").driver == driver
+    assert driver.table.harmonics[0].order == 4
+
+
 @pytest.mark.parametrize(
     ("more", "key", "words"),
     [
         ({"objective": "limit.csv"}, "objective", "the page opens no files"),
+        ({"objective": "curve.csv"}, "objective", "the page opens no files"),
+        ({"objective": "frequency_hz,t_mnm\n1,x"}, "objective", "curve.csv, row 2: t_mnm"),
+        ({"objective": "frequency_hz,fx_n\n1,1\n2,2"}, "objective", "torque"),
         ({"objective": "/etc/hosts.csv "}, "objective", "the page opens no files"),
         ({"objective": "drive_one"}, "objective", "is not a line of this drive"),
         ({"objective": "5:1 Hz"}, "objective", "is not a band"),
-        ({"requirement": "requirement.yaml"}, "requirement", "not"),
-        ({"study": "study.yaml"}, "study", "not"),
-        ({"check": "table.csv"}, "check", "not"),
+        ({"requirement": "requirement.yaml"}, "requirement", ""),
+        (
+            {"requirement": REQUIREMENT},
+            "requirement",
+            "on a line of sight, which this scenario has not",
+        ),
+        ({"study": "study.yaml"}, "study", ""),
+        (
+            {"study": "scenario: x\nvary: {motor.nothing: [1, 2]}"},
+            "study",
+            "study.yaml: vary.motor.nothing",
+        ),
+        (
+            {"study": "scenario: x\nvary: {array.from: [/etc/passwd]}"},
+            "study",
+            "the page opens no files",
+        ),
+        ({"study": "scenario: x\nvary: {driver.table.from: [/etc/passwd]}"}, "study", ""),
+        (
+            {"study": "scenario: x\nlimit: /etc/hosts.csv\nvary: {motor.current: [0.6 A]}"},
+            "study",
+            "the page opens no files",
+        ),
+        (
+            {"study": "scenario: x\nvary: {motor.current: [0.6 A]}", "levers": ["current"]},
+            "lever",
+            "sets motor.current, which the cases vary",
+        ),
+        (
+            {
+                "study": f"scenario: x\nvary: {{motor.current: [{', '.join(['0.6 A'] * 49)}], motor.detent_torque: {{from: 1 mN*m, to: 2 mN*m, count: 100}}}}"
+            },
+            "study",
+            "4900 cases; at most 2000",
+        ),
+        ({"check": "table.csv", "levers": []}, "check", "table.csv"),
+        ({"check": "/etc/passwd", "levers": []}, "check", "table.csv: has no rows"),
+        ({"check": "i_a,i_b\n1,0\n0,x", "levers": []}, "check", "table.csv, row 3: i_b"),
+        ({"check": "i_a,i_b\n1,0\n0,1", "levers": []}, "check", "2 rows"),
+        ({"check": TABLE, "levers": [], "table_rows": 63}, "table_rows", "64 rows"),
+        ({"check": TABLE}, "lever", "does not go with check"),
+        ({"check": TABLE, "levers": [], "bits": 8}, "bits", "does not go with check"),
+        ({"margin": "a little"}, "margin", "a little"),
+        ({"factor": ["friction"]}, "factor", "write NAME=NUMBER"),
+        ({"factor": ["friction=0.5"]}, "factor", "friction"),
+        ({"factor": ["fricton=2"]}, "factor", "friction"),
+        ({"lag": "1 mm"}, "lag", "wrong dimension"),
+        ({"table_rows": 16385}, "table_rows", "16384"),
         ({"keep": "figures.jsonl"}, "keep", "not"),
-        ({"levers": []}, "levers", ""),
+        ({"levers": []}, "lever", "is missing"),
         ({"levers": ["wings"]}, "lever", "needs spacecraft.second_wing.stagger"),
         ({"levers": ["table=/etc/passwd"]}, "lever", "whole numbers from 1 on"),
         ({"levers": ["array.from=1:2"]}, "lever", "is none"),

@@ -40,8 +40,48 @@ def with_excess(table: LineTable, x: np.ndarray) -> LineTable:
     floor.
     """
     seen = [line for line in table if line.seen]
-    counted = [_doubled(line) for line in seen if _counts(line, seen, table)]
-    return replace(table, excess=excesses(x, table.sample_rate, counted, seen))
+    counts = [_counts(line, seen, table) for line in seen]
+    counted = [
+        _doubled(line) for line, one_of_its_own in zip(seen, counts, strict=True) if one_of_its_own
+    ]
+    beyond = excesses(x, table.sample_rate, counted, seen)
+    parted = _parted_lines(seen, counts, table.duration)
+    return replace(table, excess=tuple(sorted((*beyond, *parted), key=lambda one: one.low)))
+
+
+def _parted_lines(
+    seen: Sequence[Line], counts: Sequence[bool], duration: float
+) -> Iterator[Excess]:
+    """Lines beside larger ones that may be parts of one which is there for a part of the record: while
+    it is, it is as large as all of them together.
+    """
+    order = sorted(range(len(seen)), key=lambda k: seen[k].frequency)
+    groups: list[list[int]] = []
+    for k in order:
+        if (
+            groups
+            and (seen[k].frequency - seen[groups[-1][-1]].frequency) * duration < _BESIDE_BINS
+        ):
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    for group in groups:
+        sizes = np.array([_largest_in_record(seen[k], duration) for k in group])
+        beside = np.array([not counts[k] for k in group])
+        if not beside.any():
+            continue
+        largest = float(sizes.max())
+        together = float(max(sizes[~beside], default=0.0) + sizes[beside].sum())
+        ends = seen[group[0]].frequency, seen[group[-1]].frequency
+        yield Excess(
+            *ends, math.sqrt(0.5 * max(together**2 - largest**2, 0.0)), math.sqrt(0.5) * together,
+            math.sqrt(0.5) * largest, 0.0, duration, 1.0,
+        )  # fmt: skip
+
+
+def _largest_in_record(line: Line, duration: float) -> float:
+    """Amplitude of a line at its largest, at the start of a record or, if it grows, at the end."""
+    return replace(line, decay=abs(line.decay)).amplitude_at_start(duration)
 
 
 def may_be_larger(table: LineTable, limit: LimitCurve) -> Iterator[str]:

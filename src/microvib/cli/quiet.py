@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -12,9 +11,6 @@ from microvib.cli.common import PATH, Target, load, set_option, target_options
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 from microvib.units import quantity
-
-if TYPE_CHECKING:
-    from microvib.model.torque_margin import MotorisationFactors
 
 _STATUS_INTERVAL = 10.0  # seconds between two lines of progress where there is no terminal
 
@@ -103,12 +99,8 @@ def quiet(scenario: str, settings: tuple[str, ...], target: Target, **given: Any
     from microvib.studies.quiet.study import quiet as search
 
     loaded = load(scenario, settings)
-    limit, lag = given.pop("limit"), given.pop("lag")
-    constraints = Constraints(
-        quantity("margin", given.pop("margin"), ""),
-        _factors(given.pop("factors")),
-        math.inf if lag is None else quantity("lag", lag, "rad", positive=True, example="deg"),
-    )
+    limit = given.pop("limit")
+    constraints = Constraints.of_texts(given.pop("margin"), given.pop("factors"), given.pop("lag"))
     if is_limit_file(limit):
         raise OptionError(
             "limit",
@@ -150,18 +142,3 @@ class _BestSoFar:
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         if kind is not None and issubclass(kind, KeyboardInterrupt) and self._text:
             click.echo(f"\nBest so far: {self._text}", err=True)
-
-
-def _factors(given: tuple[str, ...]) -> MotorisationFactors:
-    from microvib.model.sentences import validate_part
-    from microvib.model.torque_margin import MotorisationFactors
-
-    values = {}
-    for text in given:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise OptionError(
-                "factor", "is not allowed; write NAME=NUMBER, such as friction=1.5", text
-            )
-        values[name.strip()] = quantity("factor", value.strip(), "")
-    return validate_part(MotorisationFactors, values, origin="factor")

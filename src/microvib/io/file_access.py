@@ -29,6 +29,11 @@ class FileAccess:
     only: frozenset[str] | None = None
     """Names that may be opened, of files in the folder itself; None for all."""
 
+    @property
+    def takes_names(self) -> bool:
+        """Whether a user may name any file, and not only what came with a request."""
+        return self.folder is not None and self.only is None
+
     def under(self, key: str) -> FileAccess:
         """Permission for files named at a ``key``."""
         return replace(self, key=key)

@@ -212,7 +212,7 @@ def recording_of(
     _check_alike(channels, [column for column in named if id(column) not in used], rate, said)
     said += [note for channel in channels for note in _integer_notes(channel, hints)]
     said += [note for channel in channels for note in _not_a_number_notes(channel)]
-    lost = tuple(band for channel in channels for band in _unknown_scale(channel, hints))
+    lost = tuple(band for channel in channels for band in _uncertain_scale(channel, hints))
     said += [band.why for band in lost]
     return Recording(
         {channel.name: channel.values for channel in channels},
@@ -265,8 +265,8 @@ def _integer_notes(channel: Column, hints: Hints) -> Iterator[str]:
     )
 
 
-def _unknown_scale(channel: Column, hints: Hints) -> Iterator[UnusableBand]:
-    """All frequencies of a load beside which its file has a factor, if it is open whether its samples hold that already."""
+def _uncertain_scale(channel: Column, hints: Hints) -> Iterator[UnusableBand]:
+    """Band in which a load is uncertain: all, where its file has a factor that its samples may hold already."""
     decided = channel.name in hints.units or channel.name in hints.sensitivity
     unwanted = hints.channels and channel.name not in hints.channels
     if decided or unwanted or as_load(f"1 {channel.unit}") is None:

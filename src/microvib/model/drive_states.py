@@ -78,7 +78,7 @@ class UncertainSpring:
     damping: float = 0.0
     """[N m s/rad], which comes and goes with it."""
     switches: bool = False
-    """Whether friction that sticks and slides while its drive runs makes it come and go."""
+    """Whether friction that sticks and slides, as its drive runs or by a load, makes it come and go."""
     largest: float = math.inf
     """Torque that such friction reaches at most [N m]."""
     dynamic: Callable[[np.ndarray], np.ndarray] | None = None
@@ -157,7 +157,7 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
             switches = (
                 (sticking.output and friction.largest_torque > 0.0)
                 or (sticking.rotor and motor.friction.largest_torque > 0.0)
-                or (bool(scenario.rate) and _elements_slide(scenario, sticking))
+                or _elements_slide(scenario, sticking)
             )
             found.append(
                 UncertainSpring(twist, stuck, 0.0, 1.0, switches=switches, largest=largest)
@@ -170,7 +170,8 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
 
 def _elements_slide(scenario: Scenario, sticking: Sticking) -> bool:
     """Whether elements of a gear's hysteresis stick and slide in turn as a drive turns, for all that is
-    known: from one end of its limits to the other, by the swing of the gear's torque.
+    known: from one end of its limits to the other, by the swing of the gear's torque. Of a drive that
+    stands a load may make them slide.
     """
     if sticking.rates is None:
         return True
@@ -512,8 +513,6 @@ def drive_states(
         wing = require_craft(scenario).spacecraft.second_wing
         held = not steps and wing is not None and wing.drive == "held"
         beside = springs_of_drive(other, MAY_STICK if held else sticking[1])
-        if held:
-            beside = [replace(one, switches=False) for one in beside]
         steps = steps or (not turning and not held and bool(other.rate))
         beside += springs_of_motor(other, stands=True) if not steps else []
         beside += springs_of_motor(other, stands=False) if steps and turning else []
@@ -587,8 +586,7 @@ def sliding_elements(
 def _springs_of_own(scenario: Scenario, sticking: Sticking, turning: bool) -> list[UncertainSpring]:
     """Springs of the first drive; one that is parked holds its array as a second wing's does."""
     if scenario.rate == 0.0:
-        parked = [replace(one, switches=False) for one in springs_of_drive(scenario, MAY_STICK)]
-        return [*parked, *springs_of_motor(scenario, stands=True)]
+        return [*springs_of_drive(scenario, MAY_STICK), *springs_of_motor(scenario, stands=True)]
     found = springs_of_drive(scenario, sticking)
     return [*found, *springs_of_motor(scenario, stands=False)] if turning else found
 

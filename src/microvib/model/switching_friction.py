@@ -23,6 +23,7 @@ of the electrical angle, no more than d^2/2 + |d|^3/6.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -145,7 +146,7 @@ def frequencies_of_response(modes: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class MotorSine:
-    """Torque of a motor that turns, where its rotor swings too far for a spring."""
+    """Torque of a motor whose rotor swings too far for a spring."""
 
     craft: DriveStates
     wing: int
@@ -189,15 +190,38 @@ class MotorSine:
 def motor_sines(
     scenario: Scenario, craft: DriveStates, second: Scenario | None = None
 ) -> list[MotorSine]:
-    """Motors of a craft that turn at a constant rate; ``second`` is how the drive of the second wing
-    steps, whatever the scenario says.
+    """Motors of a craft that turn at a constant rate, or hold; ``second`` is how the drive of the second
+    wing steps, whatever the scenario says.
     """
-    found = []
+    turn_or_hold = [*drives_that_turn(scenario, second), *drives_that_stand(scenario, second)]
+    return [
+        MotorSine(craft, wing, drive.motor.rotor_teeth, *_curvatures(drive))
+        for wing, drive in sorted(turn_or_hold, key=lambda one: one[0])
+    ]
+
+
+def drives_that_turn(
+    scenario: Scenario, second: Scenario | None = None
+) -> Iterator[tuple[int, Scenario]]:
+    """Drives of a craft at a constant rate with the number of their wings; ``second`` is how the drive of
+    the second wing steps, whatever the scenario says.
+    """
     for wing, drive in enumerate([scenario, second or scenario.driven_wing]):
-        if drive is None or not drive.rate:
-            continue
-        found.append(MotorSine(craft, wing, drive.motor.rotor_teeth, *_curvatures(drive)))
-    return found
+        if drive is not None and drive.rate:
+            yield wing, drive
+
+
+def drives_that_stand(
+    scenario: Scenario, second: Scenario | None = None
+) -> Iterator[tuple[int, Scenario]]:
+    """Drives of a craft that are parked or hold, with the number of their wings; arguments as for
+    ``drives_that_turn``.
+    """
+    if scenario.rate == 0.0:
+        yield 0, scenario
+    driven, other = second or scenario.driven_wing, scenario.other_wing
+    if other is not None and (driven is None or driven.rate == 0.0):
+        yield 1, other
 
 
 def _curvatures(drive: Scenario) -> tuple[float, float]:

@@ -190,7 +190,7 @@ def _warnings(found: QuietDrive) -> Iterator[str]:
     if found.cases.assumed:
         yield (
             "The spread of the cases is assumed, not measured: a study file states yours"
-            " (`microvib quiet --study`)."
+            " (`microvib quiet --study`; on the page under Scatter and constraints)."
         )
     at_end = list(_at_end(found))
     if at_end:

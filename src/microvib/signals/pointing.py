@@ -610,12 +610,8 @@ def _transform_of_sum(ratio: np.ndarray, rows: np.ndarray, half: float) -> np.nd
     orders = np.rint(ratio).astype(np.int64)
     instants = _instants(orders)
     parts = np.array_split(np.arange(instants), max(instants * ratio.size // _AT_ONCE, 1))
-    sums = np.vstack(
-        [
-            (np.exp(2j * np.pi / instants * (np.outer(part, orders) % instants)) @ rows.T).real
-            for part in parts
-        ]
-    )
+    roots = np.exp(2j * np.pi / instants * np.arange(instants))
+    sums = np.vstack([(roots[np.outer(part, orders) % instants] @ rows.T).real for part in parts])
     cells, found = 2 * _TERMS_OF_LEVEL, []
     for moved in sums.T:
         place = (moved / half + 1.0) * _TERMS_OF_LEVEL

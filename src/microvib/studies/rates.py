@@ -186,14 +186,10 @@ class RateCase:
         none.
         """
         curve = _curve_in(limit, band)
-        inside = [
-            x
-            for x in (self.hidden if hidden else self.lines)
-            if in_band(x.frequency, curve.low, curve.high, _reach(x))
-        ]
+        inside = _lines_within(self.hidden if hidden else self.lines, curve)
         if curve.is_flat:
             return max(inside, key=lambda line: line.amplitude, default=None)
-        return max(inside, key=lambda line: line.amplitude / _allowed(line, curve), default=None)
+        return _nearest_to(inside, curve)
 
     def verdict(self, band: tuple[float, float], limit: float | LimitCurve) -> str:
         """Empty where all lines within ``band`` [Hz] are known to be below the ``limit``, one
@@ -220,11 +216,9 @@ class RateCase:
 
     def _is_above(self, curve: LimitCurve, overstated: float) -> bool:
         """Whether a line is above the most lenient limit within its frequency uncertainty."""
-        return any(
-            x.amplitude > overstated * curve.most_lenient(x.frequency - reach, x.frequency + reach)
-            for x in self.lines
-            if in_band(x.frequency, curve.low, curve.high, reach := _reach(x))
-        )
+        inside = _lines_within(self.lines, curve)
+        lenient = curve.most_lenient(*_ranges(inside))
+        return bool(np.any(_amplitudes(inside) > overstated * lenient))
 
     def unseen_in(
         self, band: tuple[float, float], limit: float | LimitCurve | None = None
@@ -258,9 +252,37 @@ def _curve_in(limit: float | LimitCurve | None, band: tuple[float, float]) -> Li
     return limit_in_band(math.inf if limit is None else limit, band)
 
 
-def _reach(line: RateLine) -> float:
-    """How far from its frequency [Hz] a line may be."""
-    return float(max(frequency_error_bound(line.frequency), line.away))
+def _amplitudes(lines: Sequence[RateLine]) -> np.ndarray:
+    """Amplitudes of lines [N m], (k,)."""
+    return np.array([line.amplitude for line in lines], dtype=float)
+
+
+def _places(lines: Sequence[RateLine]) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies of lines [Hz] and how far from these they may be, (k,) each."""
+    f = np.array([line.frequency for line in lines], dtype=float)
+    away = np.array([line.away for line in lines], dtype=float)
+    return f, np.maximum(frequency_error_bound(f), away)
+
+
+def _ranges(lines: Sequence[RateLine]) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest frequencies [Hz] that lines may have, (k,) each."""
+    f, reach = _places(lines)
+    return f - reach, f + reach
+
+
+def _lines_within(lines: Sequence[RateLine], curve: LimitCurve) -> list[RateLine]:
+    """Lines that may be in the range of a curve."""
+    f, reach = _places(lines)
+    inside = in_band(f, curve.low, curve.high, reach)
+    return [line for line, kept in zip(lines, inside, strict=True) if kept]
+
+
+def _nearest_to(lines: Sequence[RateLine], curve: LimitCurve) -> RateLine | None:
+    """The first of the lines that are nearest to a curve, or farthest above it; None of none."""
+    if not lines:
+        return None
+    parts = _amplitudes(lines) / curve.strictest(*_ranges(lines))
+    return lines[int(np.argmax(parts))]
 
 
 def _exceeds(line: RateLine | None, curve: LimitCurve) -> bool:
@@ -270,8 +292,8 @@ def _exceeds(line: RateLine | None, curve: LimitCurve) -> bool:
 
 def _allowed(line: RateLine, curve: LimitCurve) -> float:
     """The strictest limit within a line's frequency uncertainty [N m]."""
-    reach = _reach(line)
-    return float(curve.strictest(line.frequency - reach, line.frequency + reach))
+    [allowed] = curve.strictest(*_ranges([line]))
+    return float(allowed)
 
 
 @dataclass(frozen=True)
@@ -1148,7 +1170,7 @@ def _forbidden_band(
         each = [case.largest(band, why in (HIDDEN_LINE, PART_OF_TIME), limit) for case in cases]
     found = [line for line in each if line is not None]
     curve = _curve_in(limit, band)
-    top = max(found, key=lambda line: line.amplitude / _allowed(line, curve), default=None)
+    top = _nearest_to(found, curve)
     if why == "failed":
         why = cases[0].reason
     elif why == RECORD_GAP:

@@ -76,7 +76,7 @@ class Recording:
     table : ForceTable, optional
         What is known of the force table: its resonances, its usable band and its channels' noise.
     lost : tuple of UnusableBand
-        Frequencies at which reading or preparing leaves the loads open, in all channels.
+        Frequencies at which reading or preparing leaves the loads uncertain, in all channels.
 
     Raises
     ------
@@ -107,7 +107,7 @@ class Recording:
     table: ForceTable | None = None
     """The force table that made it, where it is known."""
     lost: tuple[UnusableBand, ...] = ()
-    """Frequencies at which reading or preparing leaves the loads open, in all channels."""
+    """Frequencies at which reading or preparing leaves the loads uncertain, in all channels."""
 
     def __post_init__(self) -> None:
         expect_mapping(self.channels, "channels", "{'Mz': samples}")

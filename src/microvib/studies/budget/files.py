@@ -34,7 +34,7 @@ class CurvePoint(Part):
 
     frequency: Annotated[float, Quantity("Hz", "frequency", gt=0)]
     amplitude: Annotated[
-        float, Quantity("rad", "largest amplitude of a line, 0-to-peak", gt=0, display="urad")
+        float, Quantity("rad", "largest amplitude of a line, 0-to-peak", gt=0, le=1, display="urad")
     ]
 
 
@@ -92,7 +92,8 @@ class Requirement(Part):
         Annotated[float, Quantity("Hz", "frequency above which nothing counts", ge=0)] | None
     ) = None
     limit: (
-        Annotated[float, Quantity("rad", "largest value allowed", gt=0, display="urad")] | None
+        Annotated[float, Quantity("rad", "largest value allowed", gt=0, le=1, display="urad")]
+        | None
     ) = None
     curve: tuple[CurvePoint, ...] | None = Field(
         default=None,

@@ -30,7 +30,7 @@ from microvib.signals.pointing import METRICS
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.budget.errors import SourceError
 from microvib.studies.budget.files import AXES, OtherSource, Wheel, WheelHarmonic
-from microvib.studies.budget.side_lines import TurningDrives
+from microvib.studies.budget.side_lines import TurningDrives, turning_drives
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
@@ -74,7 +74,7 @@ def contribution_of_other(
             given = _with_table(source.wheel, files)
             return WheelOnCraft(source.name, given, scenario, place, sticking).contribution()
         states = drive_states(scenario, sticking=sticking)
-        turning = TurningDrives(scenario, sticking)
+        turning = turning_drives(scenario, sticking)
         if source.lines:
             return _of_lines(source, turning, files, states)
         return _of_density(source, turning, files, states)

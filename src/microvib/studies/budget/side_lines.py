@@ -7,12 +7,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol, TypeVar
 
 import numpy as np
 
 from microvib.analysis.margins import CLOCK_UNCERTAINTY
+from microvib.model.coupling import receiver_of, source_of
 from microvib.model.drive_states import (
     MAY_STICK,
     DriveStates,
@@ -32,6 +33,8 @@ from microvib.model.side_lines import (
 from microvib.model.switching_friction import (
     MotorSine,
     SwitchingFriction,
+    drives_that_stand,
+    drives_that_turn,
     frequencies_of_response,
     motor_sines,
 )
@@ -270,14 +273,14 @@ def _on_grid(grid: np.ndarray, f: np.ndarray, S: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Shaft:
-    """A shaft of a drive that turns, by its motion relative to what carries its drive."""
+    """A shaft of a drive, by its motion relative to what carries its drive."""
 
     craft: DriveStates
     on: np.ndarray
     """Its angle by the coordinates, (n,)."""
     name: str
     rate: float
-    """Commanded rate [rad/s]."""
+    """Commanded rate [rad/s]; 0 of a drive that stands."""
     teeth: int
     """Electrical turns in one of its own; 0 of an output."""
     rubs: bool
@@ -351,7 +354,7 @@ class Shaft:
 
 @dataclass(frozen=True)
 class Teeth(Shaft):
-    """Teeth of a gear with backlash, by its twist, that the drive's own load keeps together."""
+    """Teeth of a gear with backlash, by its twist, that the load of a drive which turns keeps together."""
 
     stiffness: float = 0.0
     """[N m/rad]."""
@@ -362,9 +365,10 @@ class Teeth(Shaft):
         """Reason as of a shaft."""
         if self.stiffness * motion <= self.least:
             return ""
+        remedy = "reducer.backlash: 0" + (", or more friction on the output" if self.rate else "")
         return (
             f"{whose} may part the teeth of {self.name}, and what these make of them is not known"
-            " (reducer.backlash: 0, or more friction on the output)"
+            f" ({remedy})"
         )
 
 
@@ -426,18 +430,16 @@ def shafts_of(
     second: Scenario | None = None,
     names: tuple[str, str] = ("", " of the second wing"),
 ) -> list[Shaft]:
-    """Shafts of the drives of a craft that turn at a constant rate; ``second`` is how the drive of the
-    second wing steps, whatever the scenario says, and ``names`` tell their wings.
+    """Shafts of the drives of a craft that turn at a constant rate, or stand; ``second`` is how the drive
+    of the second wing steps, whatever the scenario says, and ``names`` tell their wings.
     """
     sines = {one.wing: one for one in motor_sines(scenario, craft, second)}
     found: list[Shaft] = []
-    for wing, drive in enumerate([scenario, second or scenario.driven_wing]):
-        if drive is None or not drive.rate:
-            continue
+    for wing, drive in drives_that_turn(scenario, second):
         rotor, output = (
             on[:, 0] for on in (craft.on_rotor_of(wing), craft.on_output_of(wing, drive))
         )
-        rate, motor, stick, name = abs(drive.rate), drive.motor, sticking[wing], names[wing]
+        rate, motor, stick, name = abs(drive.rate or 0.0), drive.motor, sticking[wing], names[wing]
         found += [
             Shaft(
                 craft, rotor, f"the rotor{name}", rate * drive.reducer.ratio, motor.rotor_teeth,
@@ -462,7 +464,26 @@ def shafts_of(
                     stiffness=float(reducer.stiffness), least=least,
                 )
             )  # fmt: skip
+    for wing, drive in drives_that_stand(scenario, second):
+        found += _shafts_that_stand(craft, wing, drive, sines[wing], names[wing])
     return found
+
+
+def _shafts_that_stand(
+    craft: DriveStates, wing: int, drive: Scenario, sine: MotorSine, name: str
+) -> Iterator[Shaft]:
+    """Shafts of a drive that is parked or holds: nothing keeps the teeth of its gear together."""
+    rotor, output = craft.on_rotor_of(wing)[:, 0], craft.on_output_of(wing, drive)[:, 0]
+    motor, reducer = drive.motor, drive.reducer
+    yield Shaft(
+        craft, rotor, f"the rotor{name}", 0.0, motor.rotor_teeth, rubs=False, wing=wing, sine=sine
+    )
+    if reducer.backlash:
+        twist = -rotor / reducer.h - output
+        stiffness = float(reducer.stiffness)
+        yield Teeth(
+            craft, twist, f"the gear{name}", 0.0, 0, rubs=False, wing=wing, stiffness=stiffness
+        )
 
 
 def _curved(friction: Friction, sticks: bool) -> Friction | None:
@@ -485,13 +506,14 @@ def _peaks_of(f: np.ndarray, densities: Sequence[np.ndarray]) -> list[float]:
 
 
 _OF_FRICTION = (
-    "friction that sticks for a part of each step makes lines of these loads at frequencies that are"
-    " not known (finer microsteps, microstep_ramp or a faster rate, with which shafts slide at all"
-    " times; a higher lowest)"
+    "friction that sticks for a part of each step, or of a drive that holds and that a load makes slide,"
+    " makes lines of these loads at frequencies that are not known (finer microsteps, microstep_ramp or a"
+    " faster rate, with which shafts slide at all times; a higher lowest)"
 )
 _OF_FALLING_FRICTION = (
-    "friction that sticks for a part of each step makes lines of these loads at frequencies that are"
-    " not known, and as it falls with the rate, only a start in the steady state bounds them closely"
+    "friction that sticks for a part of each step, or of a drive that holds and that a load makes slide,"
+    " makes lines of these loads at frequencies that are not known, and as it falls with the rate, only a"
+    " start in the steady state, of a drive that runs, bounds them closely"
     " (record.start: steady; finer microsteps, microstep_ramp or a faster rate, with which shafts slide"
     " at all times)"
 )
@@ -526,6 +548,16 @@ _FED_BY_FRICTION = (
 )
 
 
+def _with_own_switching(craft: DriveStates) -> DriveStates:
+    """A craft of whose frictions those of the first drive alone may stick and slide in turn."""
+    own = receiver_of(craft.scenario).root.shape[1] + source_of(craft.scenario).M.shape[0]
+    springs = [
+        spring if np.any(spring.on[:own]) else replace(spring, switches=False)
+        for spring in craft.springs
+    ]
+    return replace(craft, springs=tuple(springs))
+
+
 class _OfWing(Protocol):
     """Something of the drive of a wing, by its number."""
 
@@ -554,10 +586,12 @@ class TurningDrives:
         second: Scenario | None = None,
         second_name: str = " of the second wing",
         friction: DriveStates | None = None,
+        other_steps: bool = False,
     ) -> None:
         """Drives of a ``scenario``, of which ``sticking`` tells the shafts that may stick; or the second
         drive alone, where ``second`` tells how that steps, with the name of its wing. ``friction`` is the
-        craft with the frictions that sources act on, where that is another.
+        craft with the frictions that sources act on, where that is another. Of a scenario that holds a second
+        wing whose drive steps as ``other_steps`` says, the first drive alone.
         """
         self.scenario = scenario
         alone, names = second is not None, ("", second_name)
@@ -565,6 +599,8 @@ class TurningDrives:
         given = scenario, self.craft, second, sticking
 
         wings = (1,) if alone else (0, 1)
+        if other_steps:
+            wings, friction = (0,), _with_own_switching(self.craft)
         self.drives = _of_wings(wings, varying_drives(*given))
         self.sines = _of_wings(wings, motor_sines(scenario, self.craft, second))
         self.shafts = _of_wings(wings, shafts_of(scenario, self.craft, sticking, second, names))
@@ -617,6 +653,23 @@ class TurningDrives:
         for beyond, torque in zip(self.remainders, torques, strict=True):
             found.append(Anywhere(beyond.remainder.why, beyond.frequency, beyond.los(torque)))
         return tuple(found)
+
+    def of_held(
+        self,
+        frequency: np.ndarray,
+        motion: Callable[[np.ndarray], np.ndarray],
+        norm: float,
+    ) -> SideLines | None:
+        """Lines that a drive which holds the second wing makes of lines (k,) [Hz] of a ``norm``, which move what is
+        along a row (n,) of its coordinates by ``motion`` (k,) [rad].
+        """
+        none = np.zeros(frequency.size)
+        shafts = [motion(one.on) if one.wing == 1 else none for one in self.shafts]
+        speeds = [2.0 * np.pi * frequency * u for u in shafts]
+        found = self._with_shafts(None, _sums(shafts), _sums(speeds))
+        swings = [float(np.sum(motion(one.on))) if one.wing == 1 else 0.0 for one in self.sines]
+        torques = [0.0] * len(self.remainders)
+        return _with_anywhere(found, self.anywhere(norm, swings, swings, torques))
 
     def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:
         """Side lines of lines at frequencies (k,) [Hz] by ``forces`` (k, n, c) on the coordinates,
@@ -853,3 +906,9 @@ class TurningDrives:
         met = np.concatenate([near - main[:, None], -near - main[:, None]], axis=None)
         grid = np.union1d(f, np.concatenate([near, met]))
         return grid[(grid >= max(f[0], 1e-6)) & (grid <= f[-1])]
+
+
+@lru_cache(maxsize=4)
+def turning_drives(scenario: Scenario, sticking: tuple[Sticking, Sticking]) -> TurningDrives:
+    """Drives of a scenario's craft that turn, which every other source of a budget acts on."""
+    return TurningDrives(scenario, sticking)

@@ -34,6 +34,7 @@ from microvib.analysis.start import (
 from microvib.analysis.unseen import out_of_band_lines
 from microvib.model.coupling import (
     MIN_FREQUENCY_WITHOUT_CONTROL,
+    Receiver,
     blocked_load_method,
     line_of_sight_noise_spectrum,
     receiver_of,
@@ -528,20 +529,12 @@ def with_side_lines_of_other(
     name : str
         Of the other's wing, in words behind its shafts.
     """
-    hub, f = receiver_of(scenario), one.frequency
-    moves = one.settled & (f > MIN_FREQUENCY_WITHOUT_CONTROL)
+    moves = one.settled & (one.frequency > MIN_FREQUENCY_WITHOUT_CONTROL)
     turning = _second_drive(scenario, other, sticking, name)
     if not turning.acts:
         return one
-    assert hub.second is not None
-    assert hub.second_root is not None
-    at = f[moves]
-    loads = np.nan_to_num(lines.loads[moves])
-    there = -((2.0 * np.pi * at[:, None]) ** 2) * (
-        np.einsum("mnk,mk->mn", hub.moved(at), loads) @ hub.second_root.T
-    )
-    coordinates, norm = hub.second.coordinates_by_acceleration(at, there), 0.0
-    width = coordinates.shape[1]
+    at, coordinates = _motion_of_second_wing(one, lines, receiver_of(scenario))
+    width, norm = coordinates.shape[1], 0.0
     if turning.friction.switches:
         on = turning.friction.on[-width:]
         norm = float(turning.friction.norm_of_motion(at, (coordinates @ on)[:, :, None]).sum())
@@ -562,6 +555,52 @@ def with_side_lines_of_other(
     if side is not None:
         one = replace(one, side=side.joined(one.side))
     return with_side_density(one, scenario, turning)
+
+
+def with_held_drive(
+    one: Contribution, lines: HubLines, scenario: Scenario, sticking: Sticking
+) -> Contribution:
+    """Lines of a drive, with what the drive that holds the second wing makes of them: the hub's motion by a
+    line may make its friction slide, part its teeth or swing its rotor.
+
+    Parameters
+    ----------
+    one : Contribution
+        Lines of the first drive.
+    lines : HubLines
+        The same lines, with their loads on the hub.
+    scenario : Scenario
+        Of the drive, on a craft whose second wing may be held.
+    sticking : Sticking
+        Shafts of the drive that may stick.
+    """
+    hub = receiver_of(scenario)
+    if hub.second is None or scenario.driven_wing is not None:
+        return one
+    turning = TurningDrives(scenario, (sticking, MAY_STICK))
+    at, coordinates = _motion_of_second_wing(one, lines, hub)
+    width, norm = coordinates.shape[1], 0.0
+    if turning.friction.switches:
+        on = turning.friction.on[-width:]
+        norm = float(turning.friction.norm_of_motion(at, (coordinates @ on)[:, :, None]).sum())
+    side = turning.of_held(at, lambda row: np.abs(coordinates @ row[-width:]), norm)
+    return one if side is None else replace(one, side=side.joined(one.side))
+
+
+def _motion_of_second_wing(
+    one: Contribution, lines: HubLines, hub: Receiver
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] of a drive's lines that move the hub (k,), and amplitudes of the second wing's
+    coordinates by each (k, w), with its drive as linearised.
+    """
+    moves = one.settled & (one.frequency > MIN_FREQUENCY_WITHOUT_CONTROL)
+    at, loads = one.frequency[moves], np.nan_to_num(lines.loads[moves])
+    assert hub.second is not None
+    assert hub.second_root is not None
+    there = -((2.0 * np.pi * at[:, None]) ** 2) * (
+        np.einsum("mnk,mk->mn", hub.moved(at), loads) @ hub.second_root.T
+    )
+    return at, hub.second.coordinates_by_acceleration(at, there)
 
 
 def _second_drive(

@@ -14,7 +14,7 @@ import numpy as np
 from microvib.analysis.hub_lines import combine_wings
 from microvib.analysis.margins import Verdict, frequency_error_bound, worst_verdict
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
-from microvib.analysis.run import run_scenario
+from microvib.analysis.run import RunResult, run_scenario
 from microvib.analysis.short_way import (
     BlockedLines,
     Difference,
@@ -65,6 +65,7 @@ from microvib.studies.budget.sources import (
     contribution_of_run,
     open_gap,
     unseen_axes,
+    with_held_drive,
     with_side_density,
     with_side_lines_of_other,
     with_side_lines_of_recording,
@@ -341,18 +342,8 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
     ]
     runs = []
     for k, (drive, result) in enumerate(zip(drives, results, strict=True)):
-        contribution, lines = contribution_of_run(
-            drive.name,
-            drive.scenario,
-            result,
-            other_steps=two and k < 2,
-            other_sticking=sticking[1 - k] if two and k < 2 else MAY_STICK,
-        )
-        if contribution.density is not None:
-            turning = TurningDrives(drive.scenario, (sticking[k], MAY_STICK))
-            contribution = with_side_density(contribution, drive.scenario, turning, own=True)
-        note = steady_state_fallback_note(result.solver)
-        runs.append(_Run(contribution, lines, note, sticking[k]))
+        beside = sticking[1 - k] if two and k < 2 else None
+        runs.append(_run_of(drive, result, sticking[k], beside))
     if two:
         wings = drives[0].scenario, drives[1].scenario
         for k, other in ((0, 1), (1, 0)):
@@ -363,6 +354,23 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
             )
             runs[k] = run._replace(contribution=mixed)
     return runs
+
+
+def _run_of(drive: _Drive, result: RunResult, sticking: Sticking, beside: Sticking | None) -> _Run:
+    """One drive simulated, whose shafts may stick as ``sticking`` says, and as ``beside`` those of the drive
+    of the second wing, if that steps; with what its springs, or the second drive if that holds, mix.
+    """
+    other = MAY_STICK if beside is None else beside
+    steps = beside is not None
+    found, lines = contribution_of_run(
+        drive.name, drive.scenario, result, other_steps=steps, other_sticking=other
+    )
+    if found.density is not None:
+        turning = TurningDrives(drive.scenario, (sticking, MAY_STICK), other_steps=steps)
+        found = with_side_density(found, drive.scenario, turning, own=True)
+    if not steps:
+        found = with_held_drive(found, lines, drive.scenario, sticking)
+    return _Run(found, lines, steady_state_fallback_note(result.solver), sticking)
 
 
 def _assessments(

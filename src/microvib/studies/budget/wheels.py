@@ -36,6 +36,7 @@ from microvib.studies.budget.side_lines import (
     Anywhere,
     SideLines,
     TurningDrives,
+    turning_drives,
 )
 from microvib.studies.budget.sources import (
     Contribution,
@@ -119,7 +120,7 @@ class WheelOnCraft:
     @cached_property
     def turning(self) -> TurningDrives:
         """Drives that turn and whose springs vary."""
-        return TurningDrives(self.scenario, self.sticking)
+        return turning_drives(self.scenario, self.sticking)
 
     def _forces(self) -> np.ndarray:
         """Forces on the coordinates by the square of the speed, (o, n, p)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -178,11 +178,15 @@ def _hashable(value: Any) -> Any:
     return value
 
 
-def read_study(file: Path) -> Study:
-    """A study file; ScenarioError with one sentence per problem."""
+def read_study(file: Path, files: FileAccess | None = None) -> Study:
+    """A study file; ScenarioError with one sentence per problem. What it names is opened with the
+    permission ``files``, without one in its own folder.
+    """
+    if files is None:
+        files = WORKING_FOLDER.in_folder_of(str(file))
     data = parse_yaml(read_text(file, "study", ()), str(file))
     with error_context(file):
-        data = _with_limit_curve(data, WORKING_FOLDER.in_folder_of(str(file)))
+        data = _with_limit_curve(data, files)
     return validate_part(Study, data, origin=str(file))
 
 
@@ -253,10 +257,7 @@ def _draw_cases(study: Study, base: Scenario, files: FileAccess) -> Design:
         )
     if not parts and not study.cases and not each:
         raise ScenarioError("vary: missing; at least one key to vary, or cases, is expected")
-    combinations: list[dict[str, Any]] = []
-    for k, item in enumerate(study.cases):
-        with error_context(f"cases.{k}"):
-            combinations.append(_checked(base, item))
+    combinations = list(_combinations(base, study))
     _check_one_place(base, parts, combinations)
     total = (
         max(len(combinations), 1)
@@ -269,6 +270,13 @@ def _draw_cases(study: Study, base: Scenario, files: FileAccess) -> Design:
     return Design(
         study, base, tuple(combinations) or ({},), levels, uncertain, _sample(study, uncertain)
     )
+
+
+def _combinations(base: Scenario, study: Study) -> Iterator[dict[str, Any]]:
+    """Cases that a study lists, each checked in the scenario."""
+    for k, item in enumerate(study.cases):
+        with error_context(f"cases.{k}"):
+            yield _checked(base, item)
 
 
 def _check_one_place(

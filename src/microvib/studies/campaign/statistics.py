@@ -51,7 +51,7 @@ class Gap(NamedTuple):
 
     what: str
     remedy: str
-    """Way to find it out; empty where there is none in general."""
+    """Remedy that tells it; empty where none does in general."""
 
 
 NONE, HIDDEN, CHANGING, ABOVE_PASSBAND, NO_FIGURES, OTHER = range(6)

@@ -563,7 +563,8 @@ def _angle(folder: Path, of: LineSet) -> Member:
 def _of_campaign(folder: Path) -> list[Member]:
     """Every case of a campaign, computed or not."""
     campaign = open_campaign(folder)
-    cases = _Cases(open_results(campaign))
+    merged = open_results(campaign)
+    cases = _Cases(_KeptResults(merged.campaign, merged.path))
     drawn = statistics.independent_cases(campaign.design)
     keys = _case_keys(campaign.design)
     one_level = len(statistics.levels_of(cases.results)) == 1
@@ -579,6 +580,36 @@ def _of_campaign(folder: Path) -> list[Member]:
         return Member(name, "case", values, by_chance, keys[case], lambda: opened)
 
     return [member(case) for case in range(campaign.design.cases)]
+
+
+@dataclass(frozen=True)
+class _KeptResults(Results):
+    """Merged results whose figures are read once, for an envelope asks for them in every band that it judges."""
+
+    @cached_property
+    def _figures(self) -> dict[tuple[str, str], np.ndarray]:
+        return {}
+
+    @cached_property
+    def _each_status(self) -> dict[str, np.ndarray]:
+        return {}
+
+    def of(self, line: str, figure: str = "amplitude") -> np.ndarray:
+        """One figure of one line over all cases, (cases,); nan where a case has no such line."""
+        if (line, figure) not in self._figures:
+            self._figures[line, figure] = super().of(line, figure)
+        return self._figures[line, figure]
+
+    def status(self, line: str) -> np.ndarray:
+        """Status of one line in each case, texts (cases,); empty where a case has no such line."""
+        if line not in self._each_status:
+            self._each_status[line] = super().status(line)
+        return self._each_status[line]
+
+    @cached_property
+    def verdicts(self) -> np.ndarray:
+        """Verdict on each case against the study's limit, an index in VERDICTS, (cases,)."""
+        return super().verdicts
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from microvib.errors import OptionError
-from microvib.io.file_access import NO_FILES, WORKING_FOLDER
+from microvib.io.file_access import NO_FILES, FileAccess
 from microvib.model.part import to_plain_data
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validate_part
@@ -46,7 +46,11 @@ class DrawnCases:
 
 
 def draw_cases(
-    scenario: Scenario, levers: Sequence[Lever], study: Path | None = None, count: int = JUDGE_CASES
+    scenario: Scenario,
+    levers: Sequence[Lever],
+    study: Path | None = None,
+    count: int = JUDGE_CASES,
+    files: FileAccess = NO_FILES,
 ) -> DrawnCases:
     """Draw cases for a search and others to judge it by.
 
@@ -61,6 +65,8 @@ def draw_cases(
         spread is assumed.
     count : int
         How many cases judge.
+    files : FileAccess
+        Permission to open what the study names.
 
     Raises
     ------
@@ -72,8 +78,7 @@ def draw_cases(
     if study is None:
         spread, origin = _assumed_spread(scenario), "the assumed spread"
     else:
-        spread, origin = read_study(study), str(study)
-    files = NO_FILES if study is None else WORKING_FOLDER.in_folder_of(str(study))
+        spread, origin = read_study(study, files), str(study)
 
     def drawn(seed: int, wanted: int) -> Design:
         sampling = {"method": "sobol", "count": 1, "seed": seed}

@@ -166,14 +166,15 @@ def parse_objective(
             text,
         )
     if text.endswith(".csv"):
-        return _limit_curve(files.under("objective").path(text))
+        file = files.under("objective").path(text)
+        return _limit_curve(file, file.name if files.takes_names else "curve")
     if ":" in text:
         low, high = _band(text)
         return Objective(f"largest line from {low:g} to {high:g} Hz", band=(low, high))
     names = line_names(scenario)
     if text not in names:
         near = did_you_mean(text, names)
-        limit = "" if files.folder is None else " a CSV file of a limit,"
+        limit = " a CSV file of a limit," if files.takes_names else ""
         raise OptionError(
             "objective",
             f"is not a line of this drive; {near}allowed are rms, a band such as '0.5:150 Hz',{limit}"
@@ -212,6 +213,16 @@ def _pointing(file: Path, scenario: Scenario) -> Objective:
     return Objective(f"requirement nearest to its limit, of {named}", OF_LIMIT, requirements=chosen)
 
 
+NO_LINE_OF_SIGHT = (
+    "is on a line of sight, which this scenario has not; spacecraft.line_of_sight is expected"
+)
+
+
+def has_line_of_sight(scenario: Scenario) -> bool:
+    """Whether a scenario has what requirements are on."""
+    return scenario.spacecraft is not None and scenario.spacecraft.line_of_sight is not None
+
+
 def quickly_judged(
     requirements: Sequence[Requirement], scenario: Scenario
 ) -> tuple[Requirement, ...]:
@@ -219,12 +230,8 @@ def quickly_judged(
 
     OptionError where one lacks a window, or the scenario a line of sight.
     """
-    if scenario.spacecraft is None or scenario.spacecraft.line_of_sight is None:
-        raise OptionError(
-            "requirement",
-            "is on a line of sight, which this scenario has not; spacecraft.line_of_sight is"
-            " expected",
-        )
+    if not has_line_of_sight(scenario):
+        raise OptionError("requirement", NO_LINE_OF_SIGHT)
     for k, one in enumerate(requirements, 1):
         if one.incomplete:
             raise OptionError("requirement", f"lacks {one.incomplete}", one.name or f"no. {k}")
@@ -241,10 +248,10 @@ def _quick(one: Requirement) -> Statistic:
     return one.statistic
 
 
-def _limit_curve(file: Path) -> Objective:
-    """Lines over a limit that a CSV file has."""
+def _limit_curve(file: Path, name: str) -> Objective:
+    """Lines over a limit that a CSV file has, which is called ``name``."""
     try:
         curve = read_limit(file).torque_curve("a search")
     except OptionError as error:
         raise OptionError("objective", str(error).removeprefix("limit: ")) from None
-    return Objective(f"lines over the limit {file.name}", OF_LIMIT, curve=curve)
+    return Objective(f"lines over the limit {name}", OF_LIMIT, curve=curve)

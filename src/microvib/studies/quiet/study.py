@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -11,11 +11,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from microvib.errors import OptionError, error_context, expect_list, whole_number
+from microvib.errors import OptionError, ScenarioError, error_context, expect_list, whole_number
 from microvib.io.current_table import read_current_table
-from microvib.io.file_access import WORKING_FOLDER, FileAccess
+from microvib.io.file_access import NO_FILES, WORKING_FOLDER, FileAccess
 from microvib.model.driver import MAX_TABLE
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.model.sentences import validate_part
 from microvib.model.torque_margin import (
     MotorisationFactors,
     TorqueMargin,
@@ -37,6 +38,7 @@ from microvib.studies.quiet.levers import (
 from microvib.studies.quiet.objective import Objective, parse_objective
 from microvib.studies.quiet.search import Drives, Search, Tried
 from microvib.studies.quiet.starts import SEARCHED, STARTS, require_constant_rate
+from microvib.units import quantity
 
 DEFAULT_EFFORT, EFFORT_RANGE = 200, (4, 100_000)
 """Settings that a search tries over the drawn cases."""
@@ -58,6 +60,20 @@ class Constraints:
     lag: float = math.inf
     """Largest quasi-static angle [rad] by which the array stays behind its command."""
 
+    @classmethod
+    def of_texts(
+        cls, margin: str = "0", factors: Iterable[str] = (), lag: str | None = None
+    ) -> Constraints:
+        """Constraints as they are typed: factors as ``friction=1.5``, the lag with a unit.
+
+        OptionError for what is none.
+        """
+        return cls(
+            quantity("margin", margin, ""),
+            _factors(factors),
+            math.inf if lag is None else quantity("lag", lag, "rad", positive=True, example="deg"),
+        )
+
     def why_not(self, scenario: Scenario) -> str:
         """Why a drive does not keep them; empty where it does."""
         found = torque_margin(scenario, self.factors)
@@ -72,6 +88,21 @@ class Constraints:
             if needed > driver.supply_voltage:
                 return f"the currents take {needed:.3g} V, above the supply of {driver.supply_voltage:.3g} V"
         return ""
+
+
+def _factors(given: Iterable[str]) -> MotorisationFactors:
+    values = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise OptionError(
+                "factor", "is not allowed; write NAME=NUMBER, such as friction=1.5", text
+            )
+        values[name.strip()] = quantity("factor", value.strip(), "")
+    try:
+        return validate_part(MotorisationFactors, values)
+    except ScenarioError as error:
+        raise OptionError("factor", str(error)) from None
 
 
 @dataclass(frozen=True)
@@ -362,24 +393,51 @@ def quiet(  # noqa: PLR0913 - keyword options
         _file(files, key, name)
         for key, name in (("check", check), ("study", study), ("keep", keep))
     )
+    given = None
     if table is not None:
-        for key, value in (("lever", levers), ("bits", bits)):
-            if value:
-                raise OptionError(key, "does not go with check, which judges a table as it is")
+        require_table_alone(levers, bits)
+        given = with_given_table(scenario, table, table_rows)
         parsed: tuple[Lever, ...] = ()
     else:
         parsed = parse_levers(levers, scenario, TableLimits(bits, table_rows))
-        _require_seen(parsed, wanted)
-    sampled = draw_cases(scenario, parsed, spread, cases)
+        require_seen(parsed, wanted)
+    sampled = draw_cases(scenario, parsed, spread, cases, files_of_study(files, study))
     told = _Told(progress, on_best)
     with evaluations(wanted, kept, workers, told.run) as figures:
         task = _Task(scenario, wanted, parsed, constraints, sampled, figures, bits, effort, told)
-        if table is not None:
-            return task.checked(table, table_rows)
+        if given is not None:
+            return task.checked(given)
         return task.searched()
 
 
-def _require_seen(levers: Sequence[Lever], objective: Objective) -> None:
+def files_of_study(files: FileAccess, study: str | Path | None) -> FileAccess:
+    """Permission to open what a study names in turn."""
+    return NO_FILES if study is None else files.in_folder_of(str(study))
+
+
+def require_table_alone(levers: Sequence[str], bits: int | None) -> None:
+    """OptionError where something is given that a table to judge leaves no room for."""
+    for key, value in (("lever", levers), ("bits", bits)):
+        if value:
+            raise OptionError(key, "does not go with check, which judges a table as it is")
+
+
+def with_given_table(scenario: Scenario, file: Path, room: int) -> Scenario:
+    """The scenario with the table of currents of a file; OptionError where a driver has no room for its
+    rows.
+    """
+    table = {"driver.table": read_current_table(file)}
+    with error_context(file):
+        given = scenario.with_(table)
+    rows = given.driver.beats * given.driver.microsteps
+    if rows > room:
+        raise OptionError(
+            "table_rows", f"is less than the {rows} rows that the table takes", str(room)
+        )
+    return given
+
+
+def require_seen(levers: Sequence[Lever], objective: Objective) -> None:
     """OptionError where a lever acts on nothing that the objective is of."""
     for lever in levers:
         if lever.name == "wings" and not objective.sees_pointing:
@@ -490,16 +548,8 @@ class _Task:
         """Runs by which one design is judged."""
         return (1 + len(self.cases.judged)) * len(STARTS)
 
-    def checked(self, file: Path, room: int) -> QuietDrive:
-        """A table that was given, judged; OptionError where a driver has no room for its rows."""
-        table = {"driver.table": read_current_table(file)}
-        with error_context(file):
-            given = self.scenario.with_(table)
-        rows = given.driver.beats * given.driver.microsteps
-        if rows > room:
-            raise OptionError(
-                "table_rows", f"is less than the {rows} rows that the table takes", str(room)
-            )
+    def checked(self, given: Scenario) -> QuietDrive:
+        """The drive with a table that was given, judged."""
         self.told.expect(2 * self._runs_judged)
         return self._judged(None, given, (), (), None)
 

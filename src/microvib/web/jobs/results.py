@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import asdict, replace
 from typing import Any
@@ -18,6 +19,7 @@ from microvib.io.modal_sources import ModalSource, modal_source
 from microvib.model.array import Array
 from microvib.model.line_names import driving_line
 from microvib.model.linear import coupled_modes
+from microvib.model.part import to_plain_data
 from microvib.model.scenario import Scenario
 from microvib.reports.angles import angles_outcome
 from microvib.reports.craft import craft_words, draw_craft
@@ -206,16 +208,19 @@ def quiet_result(found: QuietDrive, limit: float | None) -> dict[str, Any]:
     return page_answer(outcome, pictures=True) | {
         "files": text_files(outcome),
         "scenario_changes": _lever_changes(found),
+        "searched": found.setting is not None,
     }
 
 
 def _lever_changes(found: QuietDrive) -> dict[str, str]:
-    """The keys that the levers set as texts that one would type; a table as a whole."""
+    """The keys that the levers set as texts that one would type; a table, also one that was judged, as a
+    whole.
+    """
     texts = values_of(found.quieter)
     changes = {key: texts[key] for lever in found.levers for key in lever.keys if key in texts}
     table = found.quieter.driver.table
-    if table is not None and any("driver.table" in lever.keys for lever in found.levers):
-        changes["driver.table"] = f"{{currents: {[list(row) for row in table.currents]}}}"
+    if table != found.scenario.driver.table and table is not None:
+        changes["driver.table"] = json.dumps(to_plain_data(table, text=True))
     return changes
 
 

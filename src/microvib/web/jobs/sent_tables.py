@@ -24,4 +24,5 @@ def sent_tables(folder: Path, tables: Mapping[str, str], refusal: str) -> Iterat
         try:
             yield sent_files(Path(place), tables, refusal)
         except MicrovibError as error:
-            raise MicrovibError(str(error).replace(f"{place}{os.sep}", "")) from None
+            error.args = (str(error).replace(f"{place}{os.sep}", ""),)
+            raise

@@ -40,7 +40,6 @@ from microvib.studies.angles import sweep_angles
 from microvib.studies.campaign.design import Design
 from microvib.studies.evidence import evidence_of
 from microvib.studies.identify import identify, parse_key
-from microvib.studies.quiet.study import quiet as search_quieter
 from microvib.studies.rates import plan_rates
 from microvib.studies.sensitivity import sensitivities
 from microvib.studies.sizing import size_simulator
@@ -52,6 +51,7 @@ from microvib.web.jobs.drawn_limits import drawn_limit
 from microvib.web.jobs.envelopes import envelope  # noqa: F401 - as those below
 from microvib.web.jobs.kept_runs import keep_run, kept_run
 from microvib.web.jobs.processing import Preparing, RecordedFile
+from microvib.web.jobs.quieter import quiet, quiet_problem  # noqa: F401 - as those above
 from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called by their names here
     analysis,
     batch,
@@ -65,7 +65,7 @@ from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called
 )
 from microvib.web.jobs.study_files import keep_tables
 from microvib.web.jobs.table_tests import acceptance, hammer  # noqa: F401 - as those above
-from microvib.web.routes.forms import FILES, Spec, array_structure, view_of
+from microvib.web.routes.forms import Spec, array_structure, view_of
 
 
 def _write(folder: str, data: dict[str, Any]) -> None:
@@ -225,27 +225,6 @@ def angles(
     )  # fmt: skip
     keep_tables(Path(folder), angles_outcome(found))
     _write(folder, results.angles_result(found))
-
-
-def quiet(  # noqa: PLR0913 - what a process is sent
-    folder: str,
-    scenario: Scenario,
-    objective: str,
-    levers: list[str],
-    bits: int | None,
-    cases: int,
-    effort: int,
-    limit: Si | None,
-    tell: ProgressCallback,
-) -> None:
-    """A quieter drive. No file is opened or kept."""
-    best = ["searching"]
-    found = search_quieter(
-        scenario, objective, levers, bits=bits, cases=cases, effort=effort, files=FILES,
-        progress=lambda done, total: tell(done, total, "runs", best[-1]),
-        on_best=lambda text: best.append(f"best so far {text}"),
-    )  # fmt: skip
-    _write(folder, results.quiet_result(found, limit))
 
 
 def campaign(folder: str, tell: ProgressCallback, design: Design | None = None) -> None:

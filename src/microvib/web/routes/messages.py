@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from microvib.model.driver import MAX_TABLE
 from microvib.signals.impacts import Estimator
 from microvib.signals.spectrum import Average, Window
 from microvib.studies.budget.sums import Rule
@@ -288,18 +289,40 @@ class EnvelopeOf(Body):
 
 
 class QuietOf(Body):
-    """A search for a quieter drive; no file can be named."""
+    """A search for a quieter drive, or a table of currents to judge; no file can be named."""
 
     scenario: Spec
-    objective: Short = Field(
-        default="rms", description="rms, a line such as drive_1, or a band such as 0.5:150 Hz"
+    objective: Annotated[str, Field(max_length=20_000)] = Field(
+        default="rms",
+        description="rms, a line such as drive_1, a band such as 0.5:150 Hz, or a table of a limit over"
+        " frequency as CSV text",
+    )
+    requirement: Described = Field(
+        default="",
+        description="requirements on the line of sight, as YAML text, in place of the objective",
     )
     levers: list[Short] = Field(
-        min_length=1, max_length=12, description="names, with or without a range: current=0.3:0.6 A"
+        default_factory=list,
+        max_length=12,
+        description="names, with or without a range: current=0.3:0.6 A",
+    )
+    check: Sent = Field(
+        default="", description="a table of currents as CSV text, judged in place of a search"
+    )
+    study: Described = Field(
+        default="", description="study file of a campaign, as YAML text: how drives scatter"
     )
     bits: int | None = Field(default=None, ge=2, le=24)
+    table_rows: int = Field(default=MAX_TABLE, ge=4, le=MAX_TABLE)
     cases: int = Field(default=24, ge=8, le=400)
     effort: int = Field(default=24, ge=4, le=1000)
+    margin: Short = Field(default="0", description="least torque margin, with the factors")
+    factor: list[Short] = Field(
+        default_factory=list, max_length=20, description="motorisation factors: friction=1.5"
+    )
+    lag: Short | None = Field(
+        default=None, description="largest angle of the array behind its command: 0.01 deg"
+    )
     limit: Short | None = None
 
 
@@ -354,6 +377,8 @@ class QuietChoices(BaseModel):
 
     lines: list[str]
     levers: list[LeverOf]
+    line_of_sight: bool
+    """Whether there is one, on which requirements are."""
 
 
 class LeverOf(BaseModel):

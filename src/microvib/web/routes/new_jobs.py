@@ -20,13 +20,12 @@ from microvib.model.ranges import noted_ranges
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.angles import angles_in, check_sweep
-from microvib.studies.quiet.lever_options import parse_levers
-from microvib.studies.quiet.levers import TableLimits
-from microvib.studies.quiet.objective import parse_objective
 from microvib.studies.quiet.starts import require_constant_rate
+from microvib.studies.quiet.study import Constraints
 from microvib.studies.rates import rate_grid
 from microvib.studies.sensitivity import NOT_RANKED
 from microvib.units import Si, band, quantity
+from microvib.web.jobs.quieter import CURVE, REQUIREMENT, STUDY, TABLE, QuietRequest
 from microvib.web.jobs.store import private
 from microvib.web.routes.common import (
     RequestRefused,
@@ -36,7 +35,6 @@ from microvib.web.routes.common import (
     requested,
     start,
 )
-from microvib.web.routes.forms import FILES
 from microvib.web.routes.messages import (
     AnglesOf,
     Id,
@@ -189,21 +187,44 @@ def start_angles(want: AnglesOf, store: StoreDependency) -> Started:
 
 @routes.post("/quiet", status_code=202)
 def start_quiet(want: QuietOf, store: StoreDependency) -> Started:
-    """Search for a quieter drive."""
+    """Search for a quieter drive, or judge a table of currents."""
     scenario = requested(store, want.scenario)
     require_constant_rate(scenario)
-    parse_objective(want.objective, scenario, files=FILES)
-    parse_levers(want.levers, scenario, TableLimits(want.bits))
+    check_size(scenario, store.limits.record // (os.cpu_count() or 1))
     if want.limit is None:
         limit = None
     else:
         limit = quantity("limit", want.limit, "N*m", positive=True)
-    check_size(scenario, store.limits.record // (os.cpu_count() or 1))
-    return start(
-        store, "quiet", f"quieter drive for {scenario.title}", want, scenario=scenario,
-        objective=want.objective, levers=want.levers, bits=want.bits, cases=want.cases,
-        effort=want.effort, limit=limit,
+    request = _quiet_request(want, scenario)
+    problem = ask(
+        store, "quiet_problem", folder=str(store.root), request=request,
+        most_cases=store.limits.campaign,
     )  # fmt: skip
+    if problem is not None:
+        raise RequestRefused(422, **problem)
+    title = f"quieter drive for {scenario.title}"
+    if want.check:
+        title = f"table of currents in {scenario.title}"
+    return start(store, "quiet", title, want, request=request, limit=limit)
+
+
+def _quiet_request(want: QuietOf, scenario: Scenario) -> QuietRequest:
+    """A request with its texts by name, of which those that are empty are not there."""
+    objective, curve = want.objective, ""
+    if "\n" in want.objective:
+        objective, curve = CURVE, want.objective
+    given = {CURVE: curve, REQUIREMENT: want.requirement, STUDY: want.study, TABLE: want.check}
+    return QuietRequest(
+        scenario,
+        objective,
+        want.levers,
+        want.bits,
+        want.table_rows,
+        want.cases,
+        want.effort,
+        Constraints.of_texts(want.margin, want.factor, want.lag),
+        {name: text for name, text in given.items() if text.strip()},
+    )
 
 
 @routes.post("/shapes", status_code=202)

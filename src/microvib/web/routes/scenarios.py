@@ -14,7 +14,7 @@ from microvib.io.named import catalog_names, catalog_text
 from microvib.io.new_scenario import sheet_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.studies.quiet.lever_options import named_levers
-from microvib.studies.quiet.objective import line_names
+from microvib.studies.quiet.objective import has_line_of_sight, line_names
 from microvib.studies.quiet.starts import require_constant_rate
 from microvib.web.routes import forms
 from microvib.web.routes.common import (
@@ -85,7 +85,9 @@ def quiet_choices(spec: Spec, store: StoreDependency) -> QuietChoices:
     found = requested(store, spec)
     require_constant_rate(found)
     levers = [LeverOf(**asdict(lever)) for lever in named_levers(found)]
-    return QuietChoices(lines=line_names(found), levers=levers)
+    return QuietChoices(
+        lines=line_names(found), levers=levers, line_of_sight=has_line_of_sight(found)
+    )
 
 
 @routes.post("/lines", responses=refusals(429))
