@@ -70,7 +70,7 @@ def test_a_campaign_is_that_of_the_command_line(client, store, through, tmp_path
     assert drive_1["amplitude"] == pytest.approx(amplitudes, rel=1e-5)
     assert told["worst"][0]["case"] == int(np.nanargmax(told["scatter"]["largest"]))
     [level] = told["percentiles"]
-    assert level["median"]["low"] <= level["median"]["value"] <= level["median"]["high"]
+    assert level["median"]["why"].startswith("open: not known in")  # records of 1 s resolve no mode
     assert level["p95"]["value"] is None  # eight draws bound no such percentile
     assert {"statistics.csv", "worst.csv", "effects.csv"} <= set(told["files"])
     report = client.get(f"/api/campaigns/{through}/files/report.html")
