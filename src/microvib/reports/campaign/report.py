@@ -293,7 +293,7 @@ def _limit_facts(s: Summary) -> Iterator[Fact]:
     """
     if s.limit is None:
         return
-    allowed, status = limit_words(s.limit), _STATUS.get(_verdict(s), "")
+    allowed, status = limit_words(s.limit) + _band_words(s.band), _STATUS.get(_verdict(s), "")
     if s.several:
         fails = sum(bool(row.above) for row in s.by_level)
         open_ones = sum(bool(row.unknown) for row in s.by_level)
@@ -312,6 +312,14 @@ def _limit_facts(s: Summary) -> Iterator[Fact]:
         yield Fact(SHARE.figure(e.value), label, status)
     elif not s.several:
         yield Fact(above_limit(s.by_level[0]), allowed, status)
+
+
+def _band_words(band: tuple[float, float]) -> str:
+    """The band in which a limit counts, behind the limit; empty where that is at all frequencies."""
+    low, high = band
+    if math.isfinite(high):
+        return f" from {low:g} to {high:g} Hz"
+    return f" from {low:g} Hz" if low > 0.0 else ""
 
 
 def not_known(s: Summary) -> Iterator[str]:
