@@ -305,6 +305,8 @@ class DriveStates:
     dampers: tuple[tuple[np.ndarray, float], ...] = ()
     """Known dampers beside those of the linearised drives: elongation by the coordinates (n,) and
     damping [N m s/rad]."""
+    locks: tuple[np.ndarray, ...] = ()
+    """Elongations by the coordinates (n,) that are held, by a stiffness of ``lock_stiffness``."""
 
     @cached_property
     def _system(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -318,7 +320,16 @@ class DriveStates:
             M, C, K = _with_wing(M, C, K, wing, root)
         for on, damping in self.dampers:
             C = C + damping * np.outer(on, on)
+        rigid = _RIGID * float(np.abs(np.diag(K)).max())
+        for on in self.locks:
+            K = K + rigid * np.outer(on, on)
         return M, C, K
+
+    @cached_property
+    def lock_stiffness(self) -> float:
+        """Stiffness of the locks [N m/rad]."""
+        without = replace(self, locks=())
+        return _RIGID * float(np.abs(np.diag(without._system[2])).max())
 
     @cached_property
     def _los(self) -> np.ndarray:
@@ -512,7 +523,7 @@ def drive_states(
     if other is not None:
         wing = require_craft(scenario).spacecraft.second_wing
         held = not steps and wing is not None and wing.drive == "held"
-        beside = springs_of_drive(other, MAY_STICK if held else sticking[1])
+        beside = _springs_that_stand(other) if held else springs_of_drive(other, sticking[1])
         steps = steps or (not turning and not held and bool(other.rate))
         beside += springs_of_motor(other, stands=True) if not steps else []
         beside += springs_of_motor(other, stands=False) if steps and turning else []
@@ -586,9 +597,19 @@ def sliding_elements(
 def _springs_of_own(scenario: Scenario, sticking: Sticking, turning: bool) -> list[UncertainSpring]:
     """Springs of the first drive; one that is parked holds its array as a second wing's does."""
     if scenario.rate == 0.0:
-        return [*springs_of_drive(scenario, MAY_STICK), *springs_of_motor(scenario, stands=True)]
+        return [*_springs_that_stand(scenario), *springs_of_motor(scenario, stands=True)]
     found = springs_of_drive(scenario, sticking)
     return [*found, *springs_of_motor(scenario, stands=False)] if turning else found
+
+
+def _springs_that_stand(scenario: Scenario) -> list[UncertainSpring]:
+    """Springs of a drive that is parked or holds. Friction without presliding holds its shaft until loads
+    overcome it, which depends on all of them together (``studies.budget.side_lines``).
+    """
+    return [
+        one if math.isfinite(one.high) else replace(one, switches=False)
+        for one in springs_of_drive(scenario, MAY_STICK)
+    ]
 
 
 def _placed(spring: UncertainSpring, before: int, behind: int) -> UncertainSpring:

@@ -373,6 +373,41 @@ class Teeth(Shaft):
 
 
 @dataclass(frozen=True)
+class StuckShaft(Shaft):
+    """A shaft that stands and that friction holds until loads overcome it; its ``motion`` is the torque
+    [N m] that holds it.
+
+    Friction takes power from a motion that loads keep up. Loads of no more than its torque that does not
+    depend on the rate, all together, cannot: the shaft then stays where it is, or comes to rest.
+    """
+
+    free: DriveStates | None = None
+    """The craft on which it may turn."""
+    holds: float = 0.0
+    """Torque [N m] that it has at any rate."""
+    largest: float = 0.0
+    """Torque [N m] that it reaches at most."""
+
+    def motion(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Largest torque [N m] that holds it against ``forces`` on the coordinates (n, c), or at each
+        frequency (m, n, c), at frequencies (m,) [Hz], in any state, (m, c).
+        """
+        return self.craft.lock_stiffness * super().motion(frequency, forces)
+
+    def reason(self, motion: float, speed: float, whose: str = "its loads") -> str:
+        """Nothing: what it makes has a bound."""
+        return ""
+
+    def beside(self, motion: float, speed: float, *, several: bool) -> Iterator[Anywhere]:
+        """Motion by the torque of its friction, where loads may make it slide."""
+        assert self.free is not None
+        if _MARGIN * motion > self.holds:
+            grid = frequencies_of_response(self.free.natural_frequencies)
+            by_torque = self.free.extremes(grid, self.on[:, None])[1][:, :, 0]
+            yield Anywhere(_OF_STANDING, grid, _MARGIN * math.sqrt(2.0) * self.largest * by_torque)
+
+
+@dataclass(frozen=True)
 class MovedShaft:
     """How far and fast the loads of a source move a shaft at most."""
 
@@ -478,6 +513,21 @@ def _shafts_that_stand(
     yield Shaft(
         craft, rotor, f"the rotor{name}", 0.0, motor.rotor_teeth, rubs=False, wing=wing, sine=sine
     )
+    dry = [
+        (on, friction, which)
+        for on, friction, which in (
+            (rotor, motor.friction, f"friction of the rotor{name}"),
+            (output, drive.friction, f"friction of the output{name}"),
+        )
+        if friction.largest_torque > 0.0 and not friction.memory
+    ]
+    held = replace(craft, locks=tuple(on for on, _, _ in dry))
+    for on, friction, which in dry:
+        always = 0.0 if friction.position is not None else friction.sliding_torque
+        yield StuckShaft(
+            held, on, which, 0.0, 0, rubs=False, wing=wing,
+            free=craft, holds=always, largest=friction.largest_torque,
+        )  # fmt: skip
     if reducer.backlash:
         twist = -rotor / reducer.h - output
         stiffness = float(reducer.stiffness)
@@ -516,6 +566,10 @@ _OF_FALLING_FRICTION = (
     " start in the steady state, of a drive that runs, bounds them closely"
     " (record.start: steady; finer microsteps, microstep_ramp or a faster rate, with which shafts slide"
     " at all times)"
+)
+_OF_STANDING = (
+    "friction of a shaft that stands slides by these loads, and makes lines of them at frequencies that are"
+    " not known (friction that holds the shaft, or a higher lowest)"
 )
 _OF_SLOPE = (
     "the slope of friction changes with the rate, which loads change, and makes lines of them at"
@@ -657,19 +711,39 @@ class TurningDrives:
     def of_held(
         self,
         frequency: np.ndarray,
-        motion: Callable[[np.ndarray], np.ndarray],
+        elongation: Callable[[np.ndarray], np.ndarray],
         norm: float,
     ) -> SideLines | None:
-        """Lines that a drive which holds the second wing makes of lines (k,) [Hz] of a ``norm``, which move what is
-        along a row (n,) of its coordinates by ``motion`` (k,) [rad].
+        """Lines that a drive which holds the second wing makes of lines (k,) [Hz] of a ``norm``, which move
+        what is along a row (n,) of its coordinates by a complex ``elongation`` (k,) [rad].
         """
+        stuck = [x for x in self.shafts if isinstance(x, StuckShaft) and x.wing == 1]
+        torques = dict(
+            zip([x.name for x in stuck], self._holding(stuck, frequency, elongation), strict=True)
+        )
         none = np.zeros(frequency.size)
-        shafts = [motion(one.on) if one.wing == 1 else none for one in self.shafts]
+        moved = {x.name: np.abs(elongation(x.on)) for x in self.shafts if x.wing == 1} | torques
+        shafts = [moved.get(x.name, none) for x in self.shafts]
         speeds = [2.0 * np.pi * frequency * u for u in shafts]
         found = self._with_shafts(None, _sums(shafts), _sums(speeds))
-        swings = [float(np.sum(motion(one.on))) if one.wing == 1 else 0.0 for one in self.sines]
-        torques = [0.0] * len(self.remainders)
-        return _with_anywhere(found, self.anywhere(norm, swings, swings, torques))
+        swings = [
+            float(np.sum(np.abs(elongation(x.on)))) if x.wing == 1 else 0.0 for x in self.sines
+        ]
+        remainders = [0.0] * len(self.remainders)
+        return _with_anywhere(found, self.anywhere(norm, swings, swings, remainders))
+
+    def _holding(
+        self,
+        stuck: Sequence[StuckShaft],
+        frequency: np.ndarray,
+        elongation: Callable[[np.ndarray], np.ndarray],
+    ) -> np.ndarray:
+        """Torques [N m] that hold shafts which lines move, if they are free, by an ``elongation``, (e, k)."""
+        if not stuck:
+            return np.zeros((0, frequency.size))
+        on = np.array([x.on for x in stuck])
+        moved = np.array([elongation(row) for row in on]).T[:, :, None]
+        return np.abs(np.linalg.solve(self.craft.response(frequency, on.T, on), moved)[:, :, 0]).T
 
     def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:
         """Side lines of lines at frequencies (k,) [Hz] by ``forces`` (k, n, c) on the coordinates,

@@ -583,7 +583,7 @@ def with_held_drive(
     if turning.friction.switches:
         on = turning.friction.on[-width:]
         norm = float(turning.friction.norm_of_motion(at, (coordinates @ on)[:, :, None]).sum())
-    side = turning.of_held(at, lambda row: np.abs(coordinates @ row[-width:]), norm)
+    side = turning.of_held(at, lambda row: coordinates @ row[-width:], norm)
     return one if side is None else replace(one, side=side.joined(one.side))
 
 
