@@ -226,6 +226,30 @@ def test_lines_of_a_recording_meet_a_limit_over_frequency(
     api.expect(page.locator("#processing-limit")).to_have_value("90 mN*m")
 
 
+def test_low_frequencies_of_a_recording_are_seen_on_a_logarithmic_axis(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    page = visit()
+    t = np.arange(round(40.0 * RATE)) / RATE
+    x = sum(0.02 * np.sin(2.0 * np.pi * f * t) for f in (0.9, 1.3, 53.0))
+    x += np.random.default_rng(2).normal(0.0, 1e-3, t.size)
+    load(page, Recording({"Mz": x}, RATE, {"Mz": "N*m"}, "test"), tmp_path)
+    page.locator("#recording-plot .main-svg").first.wait_for()
+    card = page.locator(".card", has=page.locator("#recording-plot"))
+    card.get_by_role("button", name="log f").click()
+    layout = "document.querySelector('#recording-plot').layout"
+    until(page, f"{layout}.xaxis.type === 'log'")
+    low, high = page.evaluate(f"{layout}.xaxis.range")
+    assert low == pytest.approx(-1.0)
+    assert high == pytest.approx(np.log10(200.0))
+    assert page.evaluate("Math.min(...document.querySelector('#recording-plot').data.find((one) => one.name === 'Mz').x)") > 0.0  # fmt: skip
+    places = page.evaluate(f"{layout}.annotations.map((one) => [one.text, one.x])")
+    named = [x for text, x in places if "0.9 Hz" in text or "0.9000 Hz" in text]
+    assert named == pytest.approx([np.log10(0.9)], abs=1e-3)
+    page.reload()
+    until(page, f"{layout}?.xaxis.type === 'log'")
+
+
 def test_a_trigger_finds_the_section(visit: Callable[..., Any], tmp_path: Path) -> None:
     page = visit()
     load(page, in_two_halves(), tmp_path)

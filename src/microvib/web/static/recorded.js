@@ -15,16 +15,18 @@ import * as runs from "./runs.js";
 import { BACKGROUND, LINE, RECORDED } from "./styles.js";
 
 const HIGHEST = 200;
+const LOWEST = 0.1; // of a logarithmic axis of frequencies, unless the second bin is higher [Hz]
 
 /** A card with one picture; `ask(analysis, window)` gets its data, `paint(analysis, view, data)` makes traces and layout of it. */
 function picture(key, title, { ask, paint, log = true, more = [] }) {
-  const view = { window: [0, HIGHEST], y: null, log, ...kept(key, {}) };
+  const view = { window: [0, HIGHEST], y: null, log, logX: false, ...kept(key, {}) };
   const plot = h("div", { class: "plot tall", id: `${key}-plot`, role: "img", "aria-label": `${title} of the recording` });
   const note = h("span", { class: "soft note" });
   const logY = h("button", { type: "button", onclick: () => set({ log: !view.log, y: null }) }, "log amplitude");
+  const logX = h("button", { type: "button", onclick: () => set({ logX: !view.logX, y: null }) }, "log f");
   const all = h("button", { type: "button", onclick: () => set({ window: null, y: null }) }, "All");
   const low = h("button", { type: "button", onclick: () => set({ window: [0, HIGHEST], y: null }) }, `0–${HIGHEST} Hz`);
-  const bar = h("div", { class: "bar" }, h("h2", {}, title), logY, low, all, more, note);
+  const bar = h("div", { class: "bar" }, h("h2", {}, title), logY, logX, low, all, more, note);
   const asking = latest();
   let shown = null;
   let last = null; // what is drawn
@@ -40,14 +42,21 @@ function picture(key, title, { ask, paint, log = true, more = [] }) {
     if (!shown) return;
     const analysis = shown;
     await asking(
-      (signal) => ask(analysis, { ...stretch(view.window), points: 4000 }, { signal }),
+      (signal) => ask(analysis, { ...stretch(view.window), points: 4000, log: view.logX }, { signal }),
       async (data) => {
         logY.setAttribute("aria-pressed", String(view.log));
+        logX.setAttribute("aria-pressed", String(view.logX));
         await repaint(analysis, data);
-        if (!listening) onZoom(plot, ({ x = view.window, y = view.y }) => set({ window: x ?? [0, HIGHEST], y }));
+        if (!listening) onZoom(plot, ({ x, y = view.y }) => set({ window: x === undefined ? view.window : fromAxis(x), y }));
         listening = true;
       },
     ).catch((error) => announce(error.message, { error: true }));
+  }
+
+  // A logarithmic axis speaks in decades.
+  function fromAxis(window) {
+    if (window === null) return [0, HIGHEST];
+    return view.logX ? window.map((decade) => 10 ** decade) : window;
   }
 
   async function repaint(analysis, data) {
@@ -79,6 +88,21 @@ function areaOf(plot) {
   const size = plot._fullLayout?._size;
   return size ? [Math.round(size.w), Math.round(size.h)] : [plot.clientWidth - AROUND, plot.clientHeight - AROUND];
 }
+
+/** The axis of frequencies of what is shown, and its ends in its own units; a logarithmic one begins at the second bin. */
+function frequencies(view, f) {
+  const [low, high] = view.window ?? [0, f.at(-1)];
+  if (!view.logX) return { title: { text: "frequency [Hz]" }, type: "linear", range: [low, high] };
+  const first = f.find((x) => x > 0) ?? LOWEST;
+  const lowest = Math.max(low, first, Math.min(LOWEST, high / 10));
+  return { title: { text: "frequency [Hz]" }, type: "log", range: [Math.log10(lowest), Math.log10(high)] };
+}
+
+// What is at 0 Hz has no place on a logarithmic axis; the curve would go on level from it.
+const beyondZero = (view, f, values) => {
+  const kept = f.map((x) => x > 0 || !view.logX);
+  return { x: f.filter((_, k) => kept[k]), y: values.filter((_, k) => kept[k]) };
+};
 
 const recorded = ({ id }, of, query, options) => get(`/api/analyses/${id}/spectrum`, { of, ...query }, options);
 
@@ -135,13 +159,12 @@ function paintSpectrum(analysis, view, [{ f, values }, other, off], area) {
   const log = view.log && !axis.dB;
   const { limit } = analysis;
   const largest = Math.max(...values, ...seen(analysis).map((line) => line.amplitude_n_m), limit?.torque ?? 0, 1e-15);
-  const x = view.window ?? [0, f.at(-1)];
+  const xaxis = frequencies(view, f);
   const y = view.y ?? bounds(axis.y(largest), view.log, axis.dB);
-  const axes = scaled({ x, y, axis: { ...axis, printed: unit }, logX: false, logY: view.log, area });
+  const axes = scaled({ x: xaxis.range, y, axis: { ...axis, printed: unit }, logX: view.logX, logY: view.log, area });
   const mains = mainsOf(analysis, axes);
   const curve = {
-    x: f,
-    y: values.map(axis.y),
+    ...beyondZero(view, f, values.map(axis.y)),
     mode: "lines",
     name: analysis.channel,
     line: { color: RECORDED, width: 1.1 },
@@ -149,14 +172,14 @@ function paintSpectrum(analysis, view, [{ f, values }, other, off], area) {
   };
   return [
     [
-      ...(other ? [under(other, axis)] : []),
-      ...(off ? background(off, analysis, unit, axis) : []),
+      ...(other ? [under(other, view, axis)] : []),
+      ...(off ? background(off, analysis, view, unit, axis) : []),
       curve,
       marks(seen(analysis), unit, axis),
       ...limitCurve(limit, axes.axis),
     ],
     {
-      xaxis: { title: { text: "frequency [Hz]" }, range: x },
+      xaxis,
       yaxis: {
         title: { text: `amplitude [${unit}], ${axis.words}` },
         type: log ? "log" : "linear",
@@ -174,8 +197,8 @@ function paintSpectrum(analysis, view, [{ f, values }, other, off], area) {
 }
 
 /** What is there with the drive off: its spectrum, and its lines. */
-function background({ f, values }, { background_lines: lines }, unit, axis) {
-  const spectrum = { x: f, y: values.map(axis.y), mode: "lines", name: "background, drive off", line: { color: BACKGROUND, width: 1 } };
+function background({ f, values }, { background_lines: lines }, view, unit, axis) {
+  const spectrum = { ...beyondZero(view, f, values.map(axis.y)), mode: "lines", name: "background, drive off", line: { color: BACKGROUND, width: 1 } };
   const marked = {
     x: lines.map((line) => line.frequency_hz),
     y: lines.map((line) => axis.y(line.amplitude_n_m)),
@@ -202,7 +225,7 @@ function mainsOf({ mains: found = [], background_lines: off = [] }, axes) {
   const foot = (1 - UP) * axes.height;
   return {
     shapes: places.map(({ frequency: x }) => ({ type: "line", x0: x, x1: x, yref: "paper", y0: 0, y1: 1, line: { color: BACKGROUND, width: 0.9, dash: "dot" } })),
-    annotations: named.map(({ frequency: x, words: text }) => ({ x, yref: "paper", y: UP, yanchor: "bottom", xanchor: "left", textangle: -90, showarrow: false, text, font: { size: SIZE, color: BACKGROUND }, bgcolor: ground() })),
+    annotations: named.map(({ frequency, words: text }) => ({ x: axes.onX(frequency), yref: "paper", y: UP, yanchor: "bottom", xanchor: "left", textangle: -90, showarrow: false, text, font: { size: SIZE, color: BACKGROUND }, bgcolor: ground() })),
     boxes: named.map(({ frequency, words }) => {
       const left = axes.right(frequency);
       return { left, right: left + 1.6 * SIZE, top: foot - textWidth(words, SIZE), bottom: foot };
@@ -210,9 +233,8 @@ function mainsOf({ mains: found = [], background_lines: off = [] }, axes) {
   };
 }
 
-const under = ({ run, channel, f, amplitude }, axis) => ({
-  x: f,
-  y: amplitude.map(axis.y),
+const under = ({ run, channel, f, amplitude }, view, axis) => ({
+  ...beyondZero(view, f, amplitude.map(axis.y)),
   mode: "lines",
   name: `${channel} of ${run.name}`,
   line: { color: run.colour, width: 2.2 },
@@ -246,8 +268,7 @@ function paintDensity(analysis, view, { f, values }) {
   const unit = axis.printed ?? `(${unitText(analysis.unit)})²/Hz`;
   const log = view.log && !axis.dB;
   const curve = {
-    x: f,
-    y: values.map(axis.y),
+    ...beyondZero(view, f, values.map(axis.y)),
     mode: "lines",
     line: { color: RECORDED, width: 1.1 },
     hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
@@ -255,7 +276,7 @@ function paintDensity(analysis, view, { f, values }) {
   return [
     [curve],
     {
-      xaxis: { title: { text: "frequency [Hz]" }, range: view.window ?? [0, f.at(-1)] },
+      xaxis: frequencies(view, f),
       yaxis: {
         title: { text: `density [${unit}]` },
         type: log ? "log" : "linear",
