@@ -35,7 +35,8 @@ TABLE = rows_csv(
 )
 HARMONIC = "order,amplitude_deg,phase_deg\n4,2.5,0\n"
 SMALL = {"scenario": WOUND_UP, "levers": ["ramp"], "cases": 8, "effort": 4}
-JUDGED = {"scenario": WOUND_UP, "check": HARMONIC, "cases": 8}
+SETTLED = {"base": "state-1", "changes": {**SHORT, "record.settle": "6 s"}}
+JUDGED = {"scenario": SETTLED, "check": HARMONIC, "cases": 8}
 
 
 def choices(client, scenario: dict) -> dict:
@@ -193,7 +194,7 @@ def test_a_table_that_was_sent_is_judged_and_goes_into_the_form(client):
     before, after = (float(row["nominal"]) for row in designs["rows"])
     assert after < 0.5 * before
     assert set(told["scenario_changes"]) == {"driver.table"}
-    changed = {**WOUND_UP["changes"], **told["scenario_changes"]}
+    changed = {**SETTLED["changes"], **told["scenario_changes"]}
     view = client.post("/api/scenario", json={"base": "state-1", "changes": changed}).json()
     assert view["errors"] == []
     driver = scenario_of(parse_yaml(told["files"]["scenario.yaml"], "x"), "x").driver
