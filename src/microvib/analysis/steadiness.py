@@ -55,17 +55,7 @@ def _parted_lines(
     """Lines beside larger ones that may be parts of one which is there for a part of the record: while
     it is, it is as large as all of them together.
     """
-    order = sorted(range(len(seen)), key=lambda k: seen[k].frequency)
-    groups: list[list[int]] = []
-    for k in order:
-        if (
-            groups
-            and (seen[k].frequency - seen[groups[-1][-1]].frequency) * duration < _BESIDE_BINS
-        ):
-            groups[-1].append(k)
-        else:
-            groups.append([k])
-    for group in groups:
+    for group in _near_each_other(seen, duration):
         sizes = np.array([_largest_in_record(seen[k], duration) for k in group])
         beside = np.array([not counts[k] for k in group])
         if not beside.any():
@@ -77,6 +67,18 @@ def _parted_lines(
             *ends, math.sqrt(0.5 * max(together**2 - largest**2, 0.0)), math.sqrt(0.5) * together,
             math.sqrt(0.5) * largest, 0.0, duration, 1.0,
         )  # fmt: skip
+
+
+def _near_each_other(lines: Sequence[Line], duration: float) -> list[list[int]]:
+    """Numbers of lines, ascending in frequency, in groups that are within a few bins of a neighbour."""
+    groups: list[list[int]] = []
+    for k in sorted(range(len(lines)), key=lambda number: lines[number].frequency):
+        below = lines[groups[-1][-1]].frequency if groups else -math.inf
+        if (lines[k].frequency - below) * duration < _BESIDE_BINS:
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    return groups
 
 
 def _largest_in_record(line: Line, duration: float) -> float:

@@ -16,7 +16,7 @@ from microvib.signals.line_table import (
     BY_TREND,
     DISTORTED,
     NEAR_RESONANCE,
-    OF_DOUBTFUL_SCALE,
+    OF_UNKNOWN_SCALE,
     Line,
     LineTable,
     UnusableRange,
@@ -24,7 +24,7 @@ from microvib.signals.line_table import (
 from microvib.testdata.force_table import ForceTable, UnusableBand
 from microvib.testdata.recording import Recording
 
-_STATUS = {"chain": BEYOND_CHAIN, "trend": BY_TREND, "scale": OF_DOUBTFUL_SCALE}
+_STATUS = {"chain": BEYOND_CHAIN, "trend": BY_TREND, "scale": OF_UNKNOWN_SCALE}
 """Statuses of lines that reading or preparing leaves uncertain, by the causes of it."""
 _MOST_TOLD = 3
 """Lines near a resonance of which each has a sentence, those of the drive first."""

@@ -320,9 +320,8 @@ class DriveStates:
             M, C, K = _with_wing(M, C, K, wing, root)
         for on, damping in self.dampers:
             C = C + damping * np.outer(on, on)
-        rigid = _RIGID * float(np.abs(np.diag(K)).max())
         for on in self.locks:
-            K = K + rigid * np.outer(on, on)
+            K = K + self.lock_stiffness * np.outer(on, on)
         return M, C, K
 
     @cached_property

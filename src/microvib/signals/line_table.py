@@ -48,9 +48,9 @@ NEAR_RESONANCE = "near a table resonance"  # status of a line that the force tab
 BEYOND_RESPONSE = "beyond the table's FRF"  # status of a line that could not be corrected
 BEYOND_CHAIN = "beyond the measuring chain"  # status of a line that the chain hardly passes
 BY_TREND = "in the removed trend"  # status of a slow line of which a polynomial took a part
-OF_DOUBTFUL_SCALE = "scale not known"  # status of a line whose file leaves open if it is scaled
+OF_UNKNOWN_SCALE = "scale not known"  # status of a line whose file leaves open if it is scaled
 DISTORTED = (
-    BEYOND_USABLE, NEAR_RESONANCE, BEYOND_RESPONSE, BEYOND_CHAIN, BY_TREND, OF_DOUBTFUL_SCALE
+    BEYOND_USABLE, NEAR_RESONANCE, BEYOND_RESPONSE, BEYOND_CHAIN, BY_TREND, OF_UNKNOWN_SCALE
 )  # fmt: skip
 IN_BACKGROUND = "in the background"  # status of a line that is there with the drive off, too
 NOT_THE_DRIVES = (*DISTORTED, IN_BACKGROUND)

@@ -534,10 +534,7 @@ def with_side_lines_of_other(
     if not turning.acts:
         return one
     at, coordinates = _motion_of_second_wing(one, lines, receiver_of(scenario))
-    width, norm = coordinates.shape[1], 0.0
-    if turning.friction.switches:
-        on = turning.friction.on[-width:]
-        norm = float(turning.friction.norm_of_motion(at, (coordinates @ on)[:, :, None]).sum())
+    width, norm = coordinates.shape[1], _norm_of_second_wing(turning, at, coordinates)
     torque = np.zeros(at.size)
     if turning.craft.springs or turning.craft.dampers:  # as if a torque on its rotor made each line
         by = np.maximum(np.abs(los_per_rotor_torque(scenario, at)).max(axis=1), 1e-300)
@@ -561,30 +558,30 @@ def with_held_drive(
     one: Contribution, lines: HubLines, scenario: Scenario, sticking: Sticking
 ) -> Contribution:
     """Lines of a drive, with what the drive that holds the second wing makes of them: the hub's motion by a
-    line may make its friction slide, part its teeth or swing its rotor.
-
-    Parameters
-    ----------
-    one : Contribution
-        Lines of the first drive.
-    lines : HubLines
-        The same lines, with their loads on the hub.
-    scenario : Scenario
-        Of the drive, on a craft whose second wing may be held.
-    sticking : Sticking
-        Shafts of the drive that may stick.
+    line may make its friction slide, part its teeth or swing its rotor. ``lines`` are the same with their
+    loads on the hub, and ``sticking`` tells which shafts of the drive itself may stick.
     """
     hub = receiver_of(scenario)
     if hub.second is None or scenario.driven_wing is not None:
         return one
     turning = TurningDrives(scenario, (sticking, MAY_STICK))
     at, coordinates = _motion_of_second_wing(one, lines, hub)
-    width, norm = coordinates.shape[1], 0.0
-    if turning.friction.switches:
-        on = turning.friction.on[-width:]
-        norm = float(turning.friction.norm_of_motion(at, (coordinates @ on)[:, :, None]).sum())
+    width, norm = coordinates.shape[1], _norm_of_second_wing(turning, at, coordinates)
     side = turning.of_held(at, lambda row: coordinates @ row[-width:], norm)
     return one if side is None else replace(one, side=side.joined(one.side))
+
+
+def _norm_of_second_wing(
+    turning: TurningDrives, frequency: np.ndarray, coordinates: np.ndarray
+) -> float:
+    """Norm for frictions that stick and slide in turn, of lines (k,) [Hz] that move the second wing's
+    ``coordinates`` (k, w); 0 where none do.
+    """
+    if not turning.friction.switches:
+        return 0.0
+    on = turning.friction.on[-coordinates.shape[1] :]
+    elongation = (coordinates @ on)[:, :, None]
+    return float(turning.friction.norm_of_motion(frequency, elongation).sum())
 
 
 def _motion_of_second_wing(
