@@ -216,6 +216,7 @@ def test_lines_of_a_recording_meet_a_limit_over_frequency(
     api.expect(found).to_contain_text("FAIL: 1 of 22 lines")
     api.expect(found).to_contain_text("where 45 mN m are allowed")
     drawn = "document.querySelector('#recording-plot').data.find((one) => one.name === 'limit')"
+    until(page, f"{drawn} !== undefined")
     assert page.evaluate(f"Math.min(...{drawn}.y)") == pytest.approx(0.045)
     page.fill("#processing-limit", "90 mN*m")
     page.get_by_role("button", name="Process", exact=True).click()

@@ -135,7 +135,7 @@ def test_a_verdict_by_a_curve_over_a_study_is_that_of_the_command(client, tmp_pa
     for name, text in sent:
         (tmp_path / name).write_text(text)
     expected = quiet(
-        mv.load_scenario("state-1", WOUND_UP["changes"]),
+        mv.load_scenario("state-1", SETTLED["changes"]),
         str(tmp_path / "curve.csv"),
         check=tmp_path / "table.csv",
         study=tmp_path / "study.yaml",

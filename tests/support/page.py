@@ -120,8 +120,22 @@ def limit(page: Any, text: str) -> Any:
 
 
 def until(page: Any, condition: str) -> None:
-    """Wait for a condition of the page, whose policy lets nobody evaluate texts in it."""
+    """Wait for a condition of the page, whose policy lets nobody evaluate texts in it.
+
+    What the condition asks of may not be there yet: its error counts only once the wait is over.
+    """
     end = time.monotonic() + PATIENCE
-    while not page.evaluate(condition):
-        assert time.monotonic() < end
+    while not holds(page, condition, last=time.monotonic() >= end):
         page.wait_for_timeout(50)
+
+
+def holds(page: Any, condition: str, *, last: bool) -> bool:
+    """Truth of a condition of the page; the last time it is asked it must be true."""
+    try:
+        found = bool(page.evaluate(condition))
+    except api.Error:
+        if last:
+            raise
+        return False
+    assert found or not last, condition
+    return found
