@@ -594,7 +594,7 @@ def test_an_interrupt_leaves_nothing(tmp_path, monkeypatch):
     assert seen == [(0, 2), (1, 2), (2, 2)]
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_the_how_to_runs_as_it_stands(tmp_path, monkeypatch):
     """Its commands, in order, give the sentence that it quotes, and its Python the verdict."""
     monkeypatch.chdir(tmp_path)

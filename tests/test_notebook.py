@@ -340,7 +340,7 @@ mv.rate_grid(0.01, 0.1)
 """
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_types_are_seen_from_outside_and_tell_bare_numbers(tmp_path):
     (tmp_path / "outside.py").write_text(OUTSIDE)
     (tmp_path / "mypy.ini").write_text("[mypy]\nstrict = true\n")

@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from support import craft as whole
 from support.craft_scenarios import scenario_of
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.turning import hub_response
@@ -128,7 +129,7 @@ class Turning:
         return np.array(found)
 
 
-@pytest.mark.parametrize("rate", [0.06, 0.12])
+@pytest.mark.parametrize("rate", sweep([0.06, 0.12], 0.06))
 def test_what_the_turning_changes_is_of_the_stated_size(rate: float) -> None:
     """A line that the third mode crosses; the hub's angles about x and y are the line of sight."""
     scenario, f = near_a_mode(), 3.485
@@ -273,7 +274,7 @@ SOURCES = {
 }
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", sweep(SOURCES, "wheel"))
 def test_an_orbit_looks_for_other_sources_between_its_angles(tmp_path: Path, source: str) -> None:
     """A mode that moves with the angle meets the source at 48.75 degrees, between those judged."""
     example = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"

@@ -386,7 +386,7 @@ def test_a_stop_turns_through_its_microsteps(state_1):
     assert made.record.settle == pytest.approx(shape.start + shape.duration)
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_a_stop_is_quiet_and_says_what_another_begin_costs(state_1):
     plan = mv.plan_profile(
         state_1, initial_rate="0.06 deg/s", final_rate="0 deg/s", damping_uncertainty=0.0
@@ -417,7 +417,7 @@ TWO_MODES = {
 }  # fmt: skip
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_two_modes_are_kept_quiet(state_1):
     plan = mv.plan_profile(
         state_1.with_si(TWO_MODES), frequency_uncertainty="5 percent", attenuation=26.0
@@ -611,6 +611,7 @@ def test_the_worst_of_a_narrow_peak_is_found_and_what_is_left_is_bounded():
         assert worst.between <= TOLERANCE
 
 
+@pytest.mark.release
 def test_a_profile_keeps_its_limit_at_any_frequency_and_damping(state_1):
     """The worst is at 50 % less damping and 5.6 % more frequency, where runs at the ends are quiet."""
     drive = state_1.with_si(

@@ -147,7 +147,7 @@ def test_the_sum_of_two_runs_is_one_system_of_both(
         assert off(one, np.array(reference)) < most
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_what_superposition_leaves_out_of_lines() -> None:
     """Two full-step periods of the drive with its detent torque: driving lines 1e-4, sidebands 0.1 %, full-step lines 0.5 %."""
     full, n = whole.FullCraft(), 160

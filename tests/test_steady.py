@@ -9,6 +9,7 @@ import pytest
 from support.run_reports import run_report, run_text
 from support.scenarios import heavy_scenario, random_scenario, scenario_of_any_kind
 from support.steady_lines import long_run, settled_motion, worst_deviation
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.limits import transient_warnings
@@ -67,7 +68,7 @@ def test_lines_are_those_of_the_settled_run_in_time(name):
     assert steady["array_mode_1"].status == TRANSIENT
 
 
-@pytest.mark.parametrize("seed", [4, 14, 31, 45, pytest.param(52, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seed", sweep([4, 14, 31, 45, 52], 14))
 def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
     scenario = random_scenario(seed)
     deviation, line = worst_deviation(steady_state(scenario), settled_motion(scenario))

@@ -578,7 +578,7 @@ def two_tests(start):
     return found
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_what_is_shared_has_one_value_and_the_rest_one_for_each_recording(start, tmp_path):
     start = start.with_si(
         {"record.settle": 2.0, "motor.friction.viscous": 0.025, "reducer.stiffness": 8000.0}

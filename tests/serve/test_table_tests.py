@@ -66,7 +66,8 @@ def alone(recording: Recording) -> Recording:
 @pytest.fixture(scope="module")
 def files(client, tmp_path_factory) -> Files:
     folder = tmp_path_factory.mktemp("table")
-    bench = load_bench(str(EXAMPLE / "bench.yaml"))
+    short = {"sample_rate": 1024.0, "filter_corner": 400.0, "duration": 8.0}
+    bench = load_bench(str(EXAMPLE / "bench.yaml")).model_copy(update=short)
     drive = mv.load_scenario("state-1")
     made = {
         "a1.uff": alone(measure(drive, bench, seed=1)),
