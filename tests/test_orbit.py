@@ -305,6 +305,7 @@ def test_an_orbit_looks_for_other_sources_between_its_angles(tmp_path: Path, sou
     assert there.value <= over.most
 
 
+@pytest.mark.release
 def test_an_orbit_of_a_recording_looks_where_the_recording_is_worst() -> None:
     """Recorded slower than the scenario says, full steps meet a mode at another angle, 50.4 degrees."""
     light = whole.FullCraft(bandwidth=0.02, damping=np.full(4, 5e-5))

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from support import commands
 from support.campaigns import SHORT, Fragile, bytes_of, made, spread
+from support.tiers import at_a_release
 
 from microvib.errors import MicrovibError
 from microvib.studies import workers as running
