@@ -9,6 +9,7 @@ from support import rodas4
 from support.phases import Phases
 from support.scenarios import NO_FRICTION, baseline
 from support.stopped import rows_at
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.model.expected import distance_to_clock_line
@@ -68,8 +69,8 @@ def drawn(phases, seed):
     }
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.release)])
-@pytest.mark.parametrize("phases", [2, 3, pytest.param(5, marks=pytest.mark.release)])
+@pytest.mark.parametrize("seed", sweep([1, 2], 1))
+@pytest.mark.parametrize("phases", sweep([2, 3, 5], 3))
 def test_lines_are_those_of_windings_integrated_phase_by_phase(phases, seed):
     scenario = baseline().with_si(drawn(phases, seed))
     turn = 2 * math.pi / (scenario.motor.rotor_teeth * scenario.reducer.ratio * abs(scenario.rate))

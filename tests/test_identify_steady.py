@@ -54,6 +54,7 @@ def posed(scenario: mv.Scenario, evidence: Evidence, keys: list[str] = KEYS) -> 
     return Problem(scenario, tests, fitted, trust)
 
 
+@pytest.mark.release
 def test_answers_are_those_of_runs(
     start: mv.Scenario, evidence: Evidence, monkeypatch: pytest.MonkeyPatch
 ) -> None:

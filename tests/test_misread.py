@@ -66,6 +66,7 @@ def test_a_channel_that_is_right_is_not(short, torque):
     assert diagnose_units_signs(posed(short, {"Mz": torque})) == ()
 
 
+@pytest.mark.release
 def test_another_axis_is_told(short, torque):
     noise = np.random.default_rng(2).normal(0.0, 2e-4, torque.size)
     other = 5.0 * np.gradient(torque) + noise
@@ -97,6 +98,7 @@ def test_a_fit_to_a_reversed_recording_says_so(short, torque):
     assert "with its sign reversed the model explains it" in fit.notes[0]
 
 
+@pytest.mark.release
 def test_the_least_misfit_and_the_error_that_would_explain_are_told(short, torque):
     """Of amplitudes that are wrong by 3 % where 0.4 % was stated."""
     one = evidence_of(Recording({"Mz": torque}, 4096.0, {"Mz": "N*m"}, title="made"), short)

@@ -133,6 +133,7 @@ def test_parameters_tell_how_far_they_are_off_over_what_is_stated(scorer):
 NAMES = ("case-002", "case-008")
 
 
+@pytest.mark.release
 def test_two_cases_are_made_estimated_and_scored(tmp_path):
     text = benchmark("all", tmp_path, "--only", *NAMES, "--most", 0)
     found = [rows_of(text, f"Lines, {each} half") for each in ("open", "withheld")]

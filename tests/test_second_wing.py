@@ -15,6 +15,7 @@ from support import craft as whole
 from support import rodas4
 from support.craft_scenarios import instants, off, scenario_of, seen
 from support.run_reports import run_text
+from support.tiers import sweep
 from support.two_wings import BothDrives, Wing
 
 import microvib as mv
@@ -561,7 +562,7 @@ def test_another_drive_from_a_file(tmp_path: Path) -> None:
         mv.load_scenario(tmp_path / "first.yaml")
 
 
-@pytest.mark.parametrize("clock_ratio", [1.0, 1.01])
+@pytest.mark.parametrize("clock_ratio", sweep([1.0, 1.01], 1.0))
 def test_a_budget_takes_both_wings_one_by_one(clock_ratio: float) -> None:
     """Lines of one clock with their phases: its sums are those of the run."""
     scenario = quick(stagger=0.25, clock_ratio=clock_ratio)
@@ -580,7 +581,7 @@ def test_a_budget_takes_both_wings_one_by_one(clock_ratio: float) -> None:
         assert window.lines[2] == pytest.approx(sums[window.metric, window.window], rel=1e-6)
 
 
-@pytest.mark.parametrize("clock_ratio", [1.0, 1.01])
+@pytest.mark.parametrize("clock_ratio", sweep([1.0, 1.01], 1.01))
 def test_a_budget_takes_a_campaign_of_both_wings(tmp_path: Path, clock_ratio: float) -> None:
     """Cases that do not differ are the nominal one."""
     scenario = quick(
