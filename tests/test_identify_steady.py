@@ -98,6 +98,7 @@ def test_where_no_steady_state_is_searched_runs_are(start: mv.Scenario, evidence
     assert posed(start, evidence, [*KEYS, "record.settle"]).steady() is None
 
 
+@pytest.mark.release
 def test_a_motion_of_another_kind_is_searched_for_by_runs(
     start: mv.Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:

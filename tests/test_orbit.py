@@ -59,6 +59,7 @@ def test_between_runs_it_is_what_runs_there_say() -> None:
     )  # and straight lines between the runs would not do
 
 
+@pytest.mark.release
 def test_worst_and_rms_are_those_of_the_time() -> None:
     orbit = analyse_orbit(near_a_mode(), angles_in("30:120:30"))
     whole_orbit, size = orbit.windows[0], orbit.size("ape", 1.0)

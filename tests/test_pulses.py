@@ -167,6 +167,7 @@ def test_no_step_is_lost():
     assert mv.simulate(scenario_of(HELD, 4), channels="T_d").steps == StepCount(4, 0, 0, 0)
 
 
+@pytest.mark.release
 def test_all_steps_are_lost_where_the_pulse_does_not_move_the_rotor():
     weak = replace(HELD, voltage=10.0, rotor=Friction(coulomb=0.05))
     found = mv.simulate(scenario_of(weak, 5), channels="T_d").steps

@@ -396,6 +396,7 @@ def test_long_periods_and_frictions_with_memory_have_the_steady_state_of_a_run_f
     assert abs(state.invariants.energy_stored) < 1e-3 * state.invariants.energy_dissipated
 
 
+@pytest.mark.release
 def test_a_slow_mode_beside_a_friction_with_memory_is_waited_for(state_1):
     scenario = state_1.with_si(
         {"friction.presliding": {"stiffness": 1e5}, "array.modes.0.damping": 0.0014}
@@ -420,6 +421,7 @@ def test_a_slow_mode_beside_a_friction_with_memory_is_waited_for(state_1):
         assert line.amplitude == pytest.approx(wanted[line.name], rel=2e-3)
 
 
+@pytest.mark.release
 def test_a_harmonic_gear_from_the_data_sheet_has_a_steady_state_over_a_chart_of_rates():
     scenario = mv.new_scenario(gear="size 14 ratio 100")
     assert any(error.amplitude > 0.0 for error in scenario.reducer.errors)
@@ -458,6 +460,7 @@ def test_a_start_from_rest_that_leads_elsewhere_is_seen_before_it_is_there(scena
         assert float(np.std(quick[0].T_d)) == pytest.approx(float(np.std(waited[0].T_d)), rel=0.01)
 
 
+@pytest.mark.release
 def test_friction_heavy_sets_that_are_found_are_what_a_run_from_rest_shows():
     found = []
     for seed in range(1, 12):
