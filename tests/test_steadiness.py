@@ -113,6 +113,22 @@ def test_no_limit_below_the_torque_of_the_running_drive_is_passed(
         assert judge(table, limit_of(part * running, 40.0, 60.0), scenario).verdict != "pass"
 
 
+@pytest.mark.parametrize("part", [0.29, 0.4])
+def test_a_drive_that_runs_on_and_off_with_its_electrical_periods_is_as_large_as_while_it_runs(
+    part: float, scenario: mv.Scenario
+) -> None:
+    """Eight times in the record, once in eight full steps: its lines are all at fractions of the clock."""
+    rate = 53.01333 / 16.0 / 8.0
+    longer = scenario.with_({"record.settle": "120 s", "record.duration": f"{8.0 / rate} s"})
+    whole = np.array(mv.simulate(longer, channels=("T_d",))["T_d"])
+    t = np.arange(whole.size) / FS
+    table = mv.find_lines(recorded(_bursts(part, rate)(t, whole)), scenario=scenario)
+    running = mv.find_lines(recorded(whole + _noise(whole)), scenario=scenario)["drive_1"].amplitude
+    assert table["drive_1"].amplitude < 0.5 * running
+    for least in (0.5, 0.7, 0.9):
+        assert judge(table, limit_of(least * running, 40.0, 65.0)).verdict == "not judged"
+
+
 @pytest.mark.parametrize("frequency", [50.1, 99.97, 120.0])
 @pytest.mark.parametrize("part", [0.15, 0.5])
 def test_what_comes_and_goes_at_a_multiple_of_the_mains_is_no_line_of_theirs(
