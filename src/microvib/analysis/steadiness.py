@@ -17,6 +17,7 @@ from microvib.signals.clock import MAINS_BINS, near_mains
 from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import NO_ORDER
 from microvib.signals.line_table import Line, LineTable
+from microvib.signals.orders import is_slower_than_full_steps
 from microvib.signals.unaccounted import Excess, excesses, joined
 
 RINGS = 2.0
@@ -71,11 +72,19 @@ def _with_lines_beside(seen: Sequence[Line], duration: float) -> list[list[Line]
     groups: dict[int, list[Line]] = {}
     for line in seen:
         near = _larger_beside(line, seen, duration)
-        if not near:
+        if not near or _of_each_full_step(line):
             continue
         largest = max(near, key=lambda k: seen[k].amplitude)
         groups.setdefault(largest, [seen[largest]]).append(line)
     return list(groups.values())
+
+
+def _of_each_full_step(line: Line) -> bool:
+    """Whether an unlisted line is one that the clock makes within a microstep or a full step, in which
+    no drive starts and stops.
+    """
+    named = bool(line.origin) and line.origin != NO_ORDER
+    return named and not is_slower_than_full_steps(line.origin)
 
 
 def _largest_in_record(line: Line, duration: float) -> float:
