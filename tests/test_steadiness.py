@@ -179,6 +179,49 @@ def test_a_tone_that_is_parted_into_lines_beside_each_other_is_as_large_as_all_o
     assert judge_recording(recorded, limit).verdict == "not judged"
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", ["two heights", "falls"])
+def test_noise_that_may_hide_that_a_line_is_larger_for_a_time_lets_nothing_below_that_pass(
+    kind: str, seed: int
+) -> None:
+    """A tone of 10 mN m for 57 % of the time and of 4.8 in the rest, or one that falls, in noise of 20."""
+    rng = np.random.default_rng(seed)
+    rate, duration, f = (512.0, 9.48, 7.95) if kind == "two heights" else (512.0, 20.0, 40.0)
+    t = np.arange(round(rate * duration)) / rate
+    if kind == "two heights":
+        height = np.where((t / duration * 1.5038) % 1.0 < 0.4287, 1.0, 0.48)
+    else:
+        height = np.exp(-2.0 * t / duration)
+    x = 0.01 * (
+        height * np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 6.0)) + 2.0 * rng.normal(size=t.size)
+    )
+    limit = mv.Limit("7 mN*m", f"{0.6 * f} Hz", f"{2.0 * f} Hz")
+    judged = judge_recording(Recording({"Mz": x}, rate, {"Mz": "N*m"}), limit)
+    assert judged.verdict == "not judged"
+
+
+def test_a_steady_line_in_noise_stays_judged() -> None:
+    """With as much noise as lines can have; a limit that noise could reach in a piece is not judged."""
+    rng = np.random.default_rng(5)
+    t = np.arange(round(20.0 * 512.0)) / 512.0
+    verdicts = []
+    for _ in range(20):
+        x = np.cos(2.0 * np.pi * rng.uniform(30.0, 50.0) * t) + 2.0 * rng.normal(size=t.size)
+        recording = Recording({"Mz": x}, 512.0, {"Mz": "N*m"})
+        verdicts.append(judge_recording(recording, mv.Limit("1.5 N*m", "20 Hz", "60 Hz")).verdict)
+    assert verdicts.count("pass") >= 18
+
+
+def test_a_line_that_is_larger_for_a_time_is_as_large_as_it_is_then() -> None:
+    t = np.arange(round(20.0 * 512.0)) / 512.0
+    x = np.where(t < 7.0, 1.3, 1.0) * np.cos(2.0 * np.pi * 41.37 * t + 1.0)
+    x += 1e-3 * np.random.default_rng(3).normal(size=t.size)
+    table = mv.find_lines(Recording({"Mz": x}, 512.0, {"Mz": "N*m"}))
+    [larger] = [one for one in table.excess if not one.certain]
+    assert larger.start + 0.5 * (larger.stop - larger.start) < 7.0
+    assert np.sqrt(2.0) * larger.level == pytest.approx(1.3, rel=2e-3)
+
+
 def test_two_tones_that_a_record_parts_are_judged_by_what_they_are_together() -> None:
     """As close as three bins, they may be one that comes and goes: nothing passes below their sum."""
     t = np.arange(round(10.0 * FS)) / FS

@@ -111,7 +111,9 @@ def blurred(table: LineTable, line: Line) -> bool:
     """Whether the amplitude of a line of the clock is uncertain because of what its band holds
     beyond the lines.
     """
-    near = (one.amplitude for one in table.excess if one.low <= line.place <= one.high)
+    near = (
+        one.amplitude for one in table.excess if one.certain and one.low <= line.place <= one.high
+    )
     return line.of_clock and max(near, default=0.0) > BLURRED * line.amplitude
 
 
@@ -119,8 +121,9 @@ def steadiness_notes(table: LineTable) -> Iterator[str]:
     """Sentences on bands in which it leaves open how large the clock's larger lines are that a
     recording holds more than lines.
     """
-    largest = max([table.largest, *(one.amplitude for one in table.excess)])
-    bands = [one for one in table.excess if _hides_clock_line(table, one, _LARGE * largest)]
+    certain = [one for one in table.excess if one.certain]
+    largest = max([table.largest, *(one.amplitude for one in certain)])
+    bands = [one for one in certain if _hides_clock_line(table, one, _LARGE * largest)]
     for group in joined(bands):
         yield max(group, key=lambda one: one.rms).sentence()
 
