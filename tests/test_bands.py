@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -117,6 +118,28 @@ def test_no_filter_that_falls_within_the_roll_off_is_outside_the_bounds(seed, lo
     assert np.max(inner) <= 1.03 * history.largest
     assert np.max(np.abs(y[history.first : -history.first])) >= 0.97 * history.least
     assert history.least <= history.peak <= history.largest
+
+
+@pytest.mark.parametrize(("low", "high"), [(5.0, 200.0), (20.0, 100.0)])
+@pytest.mark.parametrize("part", [0.9, 0.3])
+def test_what_the_ends_of_a_record_hold_passes_nothing(low, high, part):
+    """A tone that is there only where the filter's transients are, for all of them or a part."""
+    rate, seconds = 1024.0, 2.9
+    quiet = record(seconds=seconds, noise=1e-3, rate=rate)
+    assert judged(quiet, low, high, 0.05).verdict == "pass"
+    reach = split_band(quiet["Mz"], rate, low, high, roll_off_for(low, high)).first
+    t = np.arange(quiet["Mz"].size) / rate
+    for on in (t < part * reach / rate, t > t[-1] - part * reach / rate):
+        loud = replace(quiet, channels={"Mz": quiet["Mz"] + on * np.cos(2.0 * np.pi * 50.0 * t)})
+        one = judged(loud, low, high, 0.9)
+        assert one.verdict == "not judged"
+        assert "the filter's transients" in one.why
+
+
+def test_a_tone_that_lasts_is_judged_whatever_it_has_below_the_band():
+    """A slow line far larger than those of the band leaks into both ends as it does into the rest."""
+    tones = record((50.0, 1.0), (1.2, 20.0), seconds=2.9, noise=1e-3)
+    assert judged(tones, 20.0, 100.0, 1.1).verdict == "pass"
 
 
 def test_peaks_between_samples_count():

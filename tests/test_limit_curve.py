@@ -495,3 +495,10 @@ def test_no_record_passes_a_notch_at_a_line_that_the_drive_has(state_1):
         far = curve_of((0.1, 10.0), (2e3, 10.0))
         told[judge(table, Limit.of_curves(far), changed).verdict] += 1
     assert told["fail"]
+
+
+def test_a_limit_whose_unit_is_a_slip_is_refused():
+    with pytest.raises(
+        mv.OptionError, match=r"limit: 1\.5e\+07 N\*m is not allowed; at most 100000 N\*m"
+    ):
+        mv.Limit("15 MN*m")

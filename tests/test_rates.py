@@ -454,6 +454,33 @@ def test_a_linear_plan_allows_no_rate_for_what_it_does_not_have(state_1):
     assert plan_rates(state_1, rates, linear=True).best() is not None
 
 
+@pytest.mark.parametrize(
+    ("microsteps", "why"),
+    [(1, "the drive is not linear"), (8, "what the linearised drive leaves out")],
+)
+def test_a_linear_plan_allows_no_rate_within_the_error_of_its_lines(state_1, microsteps, why):
+    """Without friction and detent torque; ramps make the field's strength ripple with the microsteps."""
+    drive = state_1.with_(
+        {
+            "motor.detent_torque": "0 N*m",
+            "motor.friction.coulomb": "0 N*m",
+            "motor.friction.breakaway": "0 N*m",
+            "friction.coulomb": "0 N*m",
+            "friction.breakaway": "0 N*m",
+            "driver.microstep_ramp": 1.0,
+            "driver.microsteps": microsteps,
+        }
+    )
+    rates = rate_grid("0.35 deg/s", "0.3501 deg/s", 2)
+    alone, _ = plan_rates(drive, rates, linear=True).cases
+    largest = max(line.amplitude for line in alone.lines)
+    plan = plan_rates(drive, rates, limit=Si(1.05 * largest), linear=True)
+    assert plan.best() is None
+    assert why in plan.forbidden[0].why
+    full = full_case(drive, Si(alone.rate), microsteps)
+    assert abs(max(line.amplitude for line in full.lines) / largest - 1.0) > 0.015
+
+
 def test_a_small_line_in_the_band_is_not_dropped_for_a_large_one_outside(state_1):
     case = full_case(state_1, Si(0.09 * DEG), 16)
     top = max(x.amplitude for x in case.lines)

@@ -116,6 +116,22 @@ def test_no_limit_below_the_torque_of_the_running_drive_is_passed(
         assert judge(table, limit_of(part * running, 40.0, 60.0), scenario).verdict != "pass"
 
 
+@pytest.mark.parametrize("part", [0.29, 0.4])
+def test_a_drive_that_runs_on_and_off_with_its_electrical_periods_is_as_large_as_while_it_runs(
+    part: float, scenario: mv.Scenario
+) -> None:
+    """Eight times in the record, once in eight full steps: its lines are all at fractions of the clock."""
+    rate = 53.01333 / 16.0 / 8.0
+    longer = scenario.with_({"record.settle": "120 s", "record.duration": f"{8.0 / rate} s"})
+    whole = np.array(mv.simulate(longer, channels=("T_d",))["T_d"])
+    t = np.arange(whole.size) / FS
+    table = mv.find_lines(recorded(_bursts(part, rate)(t, whole)), scenario=scenario)
+    running = mv.find_lines(recorded(whole + _noise(whole)), scenario=scenario)["drive_1"].amplitude
+    assert table["drive_1"].amplitude < 0.5 * running
+    for least in (0.5, 0.7, 0.9):
+        assert judge(table, limit_of(least * running, 40.0, 65.0)).verdict == "not judged"
+
+
 @pytest.mark.parametrize("frequency", [50.1, 99.97, 120.0])
 @pytest.mark.parametrize("part", [0.15, 0.5])
 def test_what_comes_and_goes_at_a_multiple_of_the_mains_is_no_line_of_theirs(
@@ -164,6 +180,49 @@ def test_a_tone_that_is_parted_into_lines_beside_each_other_is_as_large_as_all_o
     recorded = Recording({"Mz": x}, rate, {"Mz": "N*m"})
     limit = mv.Limit("0.8 N*m", f"{0.9 * f} Hz", f"{1.25 * f} Hz")
     assert judge_recording(recorded, limit).verdict == "not judged"
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", ["two heights", "falls"])
+def test_noise_that_may_hide_that_a_line_is_larger_for_a_time_lets_nothing_below_that_pass(
+    kind: str, seed: int
+) -> None:
+    """A tone of 10 mN m for 57 % of the time and of 4.8 in the rest, or one that falls, in noise of 20."""
+    rng = np.random.default_rng(seed)
+    rate, duration, f = (512.0, 9.48, 7.95) if kind == "two heights" else (512.0, 20.0, 40.0)
+    t = np.arange(round(rate * duration)) / rate
+    if kind == "two heights":
+        height = np.where((t / duration * 1.5038) % 1.0 < 0.4287, 1.0, 0.48)
+    else:
+        height = np.exp(-2.0 * t / duration)
+    x = 0.01 * (
+        height * np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 6.0)) + 2.0 * rng.normal(size=t.size)
+    )
+    limit = mv.Limit("7 mN*m", f"{0.6 * f} Hz", f"{2.0 * f} Hz")
+    judged = judge_recording(Recording({"Mz": x}, rate, {"Mz": "N*m"}), limit)
+    assert judged.verdict == "not judged"
+
+
+def test_a_steady_line_in_noise_stays_judged() -> None:
+    """With as much noise as lines can have; a limit that noise could reach in a piece is not judged."""
+    rng = np.random.default_rng(5)
+    t = np.arange(round(20.0 * 512.0)) / 512.0
+    verdicts = []
+    for _ in range(20):
+        x = np.cos(2.0 * np.pi * rng.uniform(30.0, 50.0) * t) + 2.0 * rng.normal(size=t.size)
+        recording = Recording({"Mz": x}, 512.0, {"Mz": "N*m"})
+        verdicts.append(judge_recording(recording, mv.Limit("1.5 N*m", "20 Hz", "60 Hz")).verdict)
+    assert verdicts.count("pass") >= 18
+
+
+def test_a_line_that_is_larger_for_a_time_is_as_large_as_it_is_then() -> None:
+    t = np.arange(round(20.0 * 512.0)) / 512.0
+    x = np.where(t < 7.0, 1.3, 1.0) * np.cos(2.0 * np.pi * 41.37 * t + 1.0)
+    x += 1e-3 * np.random.default_rng(3).normal(size=t.size)
+    table = mv.find_lines(Recording({"Mz": x}, 512.0, {"Mz": "N*m"}))
+    [larger] = [one for one in table.excess if not one.certain]
+    assert larger.start + 0.5 * (larger.stop - larger.start) < 7.0
+    assert np.sqrt(2.0) * larger.level == pytest.approx(1.3, rel=2e-3)
 
 
 def test_two_tones_that_a_record_parts_are_judged_by_what_they_are_together() -> None:

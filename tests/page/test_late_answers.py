@@ -78,6 +78,17 @@ def test_an_answer_from_before_a_start_says_nothing_of_it(visit: Callable[..., A
     assert page.locator(".chip").count() == 2
 
 
+def test_what_is_drawn_of_a_run_is_asked_for_once(visit: Callable[..., Any]) -> None:
+    """Its spectrum, as soon as it is done; what is drawn with the result is that answer."""
+    page = visit(QUICK)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    for k in (1, 2):
+        page.click("#go")
+        drawn(page, k)
+        assert sum("/spectrum?" in url for url in asked) == k
+
+
 def test_run_change_run_again_and_cancel_over_a_slow_line(visit: Callable[..., Any]) -> None:
     page = visit(QUICK)
     delay(page, 200)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.scenarios import limit_of
-from support.server import SHORT, result, start
+from support.server import LONG, SHORT, result, start, wait
 
 import microvib as mv
 from microvib.analysis.reference import compare_with_reference
@@ -176,6 +176,19 @@ def test_jobs_that_are_asked_for(client, finished):
     ] == [finished]
     assert client.get("/api/jobs", params={"ids": ""}).json() == []
     assert finished in [job["id"] for job in client.get("/api/jobs").json()]
+
+
+def test_an_answer_about_jobs_waits_for_one_that_has_not_ended(client, finished, monkeypatch):
+    goes_on = start(client, LONG)
+    asked = {"ids": goes_on, "wait": 50}
+    assert client.get("/api/jobs", params=asked).json()[0]["state"] in ("queued", "running")
+    monkeypatch.setattr(results, "_LOOK_AGAIN", 1e6)  # s: who waits now does not come back
+    for other in (finished, "0" * 16):
+        asked = {"ids": f"{goes_on},{other}", "wait": 1000}
+        assert goes_on in [job["id"] for job in client.get("/api/jobs", params=asked).json()]
+    client.delete(f"/api/jobs/{goes_on}")
+    wait(client, goes_on, "cancelled")
+    assert client.get("/api/jobs", params={"ids": goes_on, "wait": 1001}).status_code == 422
 
 
 def test_files_of_a_run(client, finished):

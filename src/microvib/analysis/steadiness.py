@@ -17,6 +17,7 @@ from microvib.signals.clock import MAINS_BINS, near_mains
 from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import NO_ORDER
 from microvib.signals.line_table import Line, LineTable
+from microvib.signals.orders import is_slower_than_full_steps
 from microvib.signals.unaccounted import Excess, excesses, joined
 
 RINGS = 2.0
@@ -40,45 +41,50 @@ def with_excess(table: LineTable, x: np.ndarray) -> LineTable:
     floor.
     """
     seen = [line for line in table if line.seen]
-    counts = [_counts(line, seen, table) for line in seen]
-    counted = [
-        _doubled(line) for line, one_of_its_own in zip(seen, counts, strict=True) if one_of_its_own
-    ]
+    counted = [_doubled(line) for line in seen if _counts(line, seen, table)]
     beyond = excesses(x, table.sample_rate, counted, seen)
-    parted = _parted_lines(seen, counts, table.duration)
+    parted = _parted_lines(seen, table.duration)
     return replace(table, excess=tuple(sorted((*beyond, *parted), key=lambda one: one.low)))
 
 
-def _parted_lines(
-    seen: Sequence[Line], counts: Sequence[bool], duration: float
-) -> Iterator[Excess]:
-    """Lines beside larger ones that may be parts of one which is there for a part of the record: while
-    it is, it is as large as all of them together.
+def _parted_lines(seen: Sequence[Line], duration: float) -> Iterator[Excess]:
+    """Lines beside larger ones that may be parts of one which is there for a part of the record, once
+    or again and again: while it is, it is as large as all of them together.
+
+    So it is where they are at fractions of the clock, too: a drive that starts and stops with its
+    electrical periods has them as well as one whose steady motion repeats with several of these.
     """
-    for group in _near_each_other(seen, duration):
-        sizes = np.array([_largest_in_record(seen[k], duration) for k in group])
-        beside = np.array([not counts[k] for k in group])
-        if not beside.any():
-            continue
+    for group in _with_lines_beside(seen, duration):
+        sizes = np.array([_largest_in_record(line, duration) for line in group])
         largest = float(sizes.max())
-        together = float(max(sizes[~beside], default=0.0) + sizes[beside].sum())
-        ends = seen[group[0]].frequency, seen[group[-1]].frequency
+        together = float(sizes.sum())
+        places = [line.frequency for line in group]
         yield Excess(
-            *ends, math.sqrt(0.5 * max(together**2 - largest**2, 0.0)), math.sqrt(0.5) * together,
-            math.sqrt(0.5) * largest, 0.0, duration, 1.0,
+            min(places), max(places), math.sqrt(0.5 * (together**2 - largest**2)),
+            math.sqrt(0.5) * together, math.sqrt(0.5) * largest, 0.0, duration, 1.0,
         )  # fmt: skip
 
 
-def _near_each_other(lines: Sequence[Line], duration: float) -> list[list[int]]:
-    """Numbers of lines, ascending in frequency, in groups that are within a few bins of a neighbour."""
-    groups: list[list[int]] = []
-    for k in sorted(range(len(lines)), key=lambda number: lines[number].frequency):
-        below = lines[groups[-1][-1]].frequency if groups else -math.inf
-        if (lines[k].frequency - below) * duration < _BESIDE_BINS:
-            groups[-1].append(k)
-        else:
-            groups.append([k])
-    return groups
+def _with_lines_beside(seen: Sequence[Line], duration: float) -> list[list[Line]]:
+    """Groups of lines: first one, then the unlisted ones beside it that may be parts of it, as it is
+    the largest near them.
+    """
+    groups: dict[int, list[Line]] = {}
+    for line in seen:
+        near = _larger_beside(line, seen, duration)
+        if not near or _of_each_full_step(line):
+            continue
+        largest = max(near, key=lambda k: seen[k].amplitude)
+        groups.setdefault(largest, [seen[largest]]).append(line)
+    return list(groups.values())
+
+
+def _of_each_full_step(line: Line) -> bool:
+    """Whether an unlisted line is one that the clock makes within a microstep or a full step, in which
+    no drive starts and stops.
+    """
+    named = bool(line.origin) and line.origin != NO_ORDER
+    return named and not is_slower_than_full_steps(line.origin)
 
 
 def _largest_in_record(line: Line, duration: float) -> float:
@@ -105,7 +111,9 @@ def blurred(table: LineTable, line: Line) -> bool:
     """Whether the amplitude of a line of the clock is uncertain because of what its band holds
     beyond the lines.
     """
-    near = (one.amplitude for one in table.excess if one.low <= line.place <= one.high)
+    near = (
+        one.amplitude for one in table.excess if one.certain and one.low <= line.place <= one.high
+    )
     return line.of_clock and max(near, default=0.0) > BLURRED * line.amplitude
 
 
@@ -113,8 +121,9 @@ def steadiness_notes(table: LineTable) -> Iterator[str]:
     """Sentences on bands in which it leaves open how large the clock's larger lines are that a
     recording holds more than lines.
     """
-    largest = max([table.largest, *(one.amplitude for one in table.excess)])
-    bands = [one for one in table.excess if _hides_clock_line(table, one, _LARGE * largest)]
+    certain = [one for one in table.excess if one.certain]
+    largest = max([table.largest, *(one.amplitude for one in certain)])
+    bands = [one for one in certain if _hides_clock_line(table, one, _LARGE * largest)]
     for group in joined(bands):
         yield max(group, key=lambda one: one.rms).sentence()
 
@@ -147,23 +156,26 @@ def _doubled(line: Line) -> Line:
 def _counts(line: Line, seen: Sequence[Line], table: LineTable) -> bool:
     """Whether a line is one of its own: a listed one, or an unlisted one that the clock makes, or
     that no modulation of a larger one does.
+    """
+    if line.origin and line.origin != NO_ORDER:
+        return True
+    return not _larger_beside(line, seen, table.duration)
+
+
+def _larger_beside(line: Line, seen: Sequence[Line], duration: float) -> list[int]:
+    """Numbers of the larger lines beside an unlisted one.
 
     The mains may be beside a larger line of the drive. Of several lines at one of their multiples
     the largest counts alone, since what comes and goes there is parted into several, too.
     """
     if line.kind != "other":
-        return True
-    if near_mains(line.frequency, table.duration) and not any(
-        x.amplitude > line.amplitude
-        and abs(x.frequency - line.frequency) * table.duration < 2.0 * MAINS_BINS
-        for x in seen
+        return []
+    larger = [k for k, x in enumerate(seen) if x.amplitude > line.amplitude]
+    if near_mains(line.frequency, duration) and not any(
+        abs(seen[k].frequency - line.frequency) * duration < 2.0 * MAINS_BINS for k in larger
     ):
-        return True
-    if line.origin and line.origin != NO_ORDER:
-        return True
-    return not any(
-        x.amplitude > line.amplitude and _is_beside(line, x, table.duration) for x in seen
-    )
+        return []
+    return [k for k in larger if _is_beside(line, seen[k], duration)]
 
 
 def _is_beside(line: Line, larger: Line, duration: float) -> bool:

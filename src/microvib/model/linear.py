@@ -73,6 +73,8 @@ class LinearLine:
     frequency: float
     amplitude: complex
     """Complex amplitude of T_d, 0-to-peak [N m]; its phase is that of the cosine at a microstep."""
+    deviation: complex
+    """Complex amplitude of the electrical angle from the field to the rotor, 0-to-peak [rad]."""
 
 
 def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ...]:
@@ -108,7 +110,9 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
         )
         moved = np.sum(momentum_row(scenario, frequency[part]) * motion[..., 0], axis=-1)
         torque = (2.0 * math.pi * frequency[part]) ** 2 * moved
-        lines += map(LinearLine, order[part].tolist(), frequency[part].tolist(), torque.tolist())
+        deviation = motion[:, 0, 0] - pull[part] / held_motor(scenario).electromagnetic_stiffness
+        columns = order[part], frequency[part], torque, scenario.motor.rotor_teeth * deviation
+        lines += map(LinearLine, *(column.tolist() for column in columns))
     return tuple(lines)
 
 

@@ -18,6 +18,8 @@ _MARGIN = 16
 """Samples at both ends beside those that are looked at; interpolation takes ten."""
 _FINE = 16.0
 """Samples per cycle of the highest frequency from which a peak is taken."""
+_SHORTEST = 8
+"""Samples of a piece by which the ends of a record are compared with the rest."""
 WIDEST = 0.2
 """Roll-off, over the frequency of the edge, where the band is wide enough for it."""
 
@@ -42,6 +44,9 @@ class BandHistory:
     """Values and inner part with ``margin`` samples more at both ends, which values between samples
     are interpolated from, (m + 2 margin,) each."""
     margin: int
+    ends: float
+    """RMS in the band of the loudest piece of the record's ends, which are the filter's transients, over
+    that of the loudest piece, as long, of what lies between them; at least 1."""
 
     @property
     def peak(self) -> float:
@@ -127,8 +132,33 @@ def split_band(
     margin = min(reach, _MARGIN)
     longer = slice(reach - margin, x.size - reach + margin)
     return BandHistory(
-        reach, y[kept], inner[kept], envelope[kept], leak, top, (y[longer], inner[longer]), margin
-    )
+        reach, y[kept], inner[kept], envelope[kept], leak, top, (y[longer], inner[longer]), margin,
+        _loudness_of_ends(x, reach, low / rate, high / rate),
+    )  # fmt: skip
+
+
+def _loudness_of_ends(x: np.ndarray, reach: int, low: float, high: float) -> float:
+    """RMS in the band, ``low`` to ``high`` over the sample rate, of the loudest piece within ``reach`` of
+    the record's ends over that of the loudest between, for pieces of some lengths; at least 1.
+    """
+    found = 1.0
+    for length in (reach, reach // 2, reach // 4):
+        if length < _SHORTEST or length > x.size - 2 * reach:
+            continue
+        window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
+        bins = slice(max(round(low * length) - 1, 1), round(high * length) + 2)
+        starts = np.arange(0, x.size - length + 1, max(length // 4, 1))
+        starts = np.append(starts, [reach, x.size - length])
+        loudness = np.empty(starts.size)
+        for k, start in enumerate(starts.tolist()):
+            values = np.fft.rfft(x[start : start + length] * window)[bins]
+            loudness[k] = math.sqrt(float(np.sum(np.abs(values) ** 2)))
+        at_ends = (starts + length <= reach) | (starts >= x.size - reach)
+        between = float(np.max(loudness[(starts >= reach) & (starts + length <= x.size - reach)]))
+        loudest = float(np.max(loudness[at_ends]))
+        if loudest > 0.0:
+            found = max(found, loudest / between if between > 0.0 else math.inf)
+    return found
 
 
 def _with_soft_ends(x: np.ndarray, reach: int) -> np.ndarray:

@@ -283,6 +283,10 @@ def _check_frequencies(frequency: Sequence[float]) -> None:
         )
 
 
+_LARGEST_TORQUE = 1e5
+"""Limit [N m] above which its unit is taken for a slip: no drive of an array makes as much."""
+
+
 @dataclass(frozen=True, init=False)
 class Limit:
     """Largest amplitude, 0-to-peak, that a line may have: one torque in one band, or curves over
@@ -329,6 +333,12 @@ class Limit:
         high: GivenQuantity = EVERYWHERE[1],
     ) -> None:
         most = quantity("torque", torque, "N*m", positive=True)
+        if most > _LARGEST_TORQUE:
+            raise OptionError(
+                "limit",
+                f"{most:g} N*m is not allowed; at most {_LARGEST_TORQUE:g} N*m is expected (m is"
+                " milli, M is mega)",
+            )
         self._set(LimitCurve.flat(most, *band((low, high))), {}, "")
 
     def _set(self, curve: LimitCurve | None, loads: Mapping[str, LimitCurve], source: str) -> None:

@@ -14,6 +14,16 @@ _CHANCE = 0.05  # a fraction that a frequency anywhere would hit as often by cha
 _LARGEST = 8  # denominator of the fractions that names are made of
 
 
+_ELECTRICAL = "electrical period"
+
+
+def is_slower_than_full_steps(name: str) -> bool:
+    """Whether a name of ``ClockOrders.name`` is of a motion that repeats less often than once in a
+    microstep or a full step.
+    """
+    return "/" in name or name.startswith(_ELECTRICAL)
+
+
 @dataclass(frozen=True)
 class ClockOrders:
     """The step clock that a record shows: frequencies [Hz] of microsteps and of full steps (detent
@@ -115,7 +125,7 @@ class ClockOrders:
         if q == 1:
             return f"{self.word}, order {p}"
         if self.steps % q == 0:
-            return f"electrical period, order {p * self.steps // q}"
+            return f"{_ELECTRICAL}, order {p * self.steps // q}"
         return f"{p}/{q} of the {self.word}"
 
 

@@ -37,6 +37,10 @@ _LOBE = 1
 """Bins on either side over which a Hann window spreads nearly all of a tone at the end of a band."""
 _FIRST = 3
 """First bin of a piece that its mean does not reach."""
+_PIECES_OF_LINES = 2, 3, 4, 6, 8
+"""Into how many pieces a record is parted in which lines are looked at one by one."""
+_SIGMAS_OF_LINES = 2.0
+"""Deviations by which noise makes a line larger in one of them without a word on it."""
 _BY_CHANCE = 1e-6
 """Probability with which noise of the floor's density makes more in one piece and band."""
 _SIGMAS = 5.0
@@ -94,6 +98,8 @@ class Excess:
     """
     height: float = 1.0
     """Height of the excess over what its RMS says, where it does not last longer than its piece."""
+    certain: bool = True
+    """Whether it is there; else noise may make it, or hide that it is there."""
 
     @property
     def amplitude(self) -> float:
@@ -105,6 +111,11 @@ class Excess:
         at = f"at {self.low:.3g} to {self.high:.3g} Hz" + (
             f" in channel {channel}" if channel else ""
         )
+        if not self.certain:
+            return (
+                f"for all that noise lets tell, the line {at} may be {self.times:.2g} times as large"
+                f" between {self.start:.3g} and {self.stop:.3g} s (a longer record, or less noise)"
+            )
         if self.times > 1.0:
             if self.times < 100.0:
                 times = f"{self.times:.2g} times"
@@ -158,7 +169,9 @@ def excesses(
         for k, found in _in_pieces(n // pieces, sample_rate, x, model, bands):
             if k not in worst or found.rms > worst[k].rms:
                 worst[k] = found
-    return tuple(worst[k] for k in sorted(worst))
+    by_bands = [worst[k] for k in sorted(worst)]
+    steady = [line for line in counted if not line.decay and line.amplitude > 0.0]
+    return (*by_bands, *_lines_in_pieces(x - model, sample_rate, steady, bands))
 
 
 def slow_rms(x: np.ndarray, sample_rate: float) -> tuple[float, float]:
@@ -337,6 +350,75 @@ def _in_pieces(
             math.sqrt(more[i]), math.sqrt(all_of[i]), math.sqrt(of_lines[i]), start, stop, times,
             height,
         )  # fmt: skip
+
+
+def _lines_in_pieces(
+    rest: np.ndarray, sample_rate: float, lines: Sequence[Line], bands: _Bands
+) -> Iterator[Excess]:
+    """Steady lines that are larger in a piece of the record than in all of it, by more than noise lets
+    expect, each with the piece in which it is largest; ``rest`` (n,) is what the lines leave of the samples.
+    """
+    largest: dict[int, Excess] = {}
+    for pieces in _PIECES_OF_LINES:
+        length = rest.size // pieces
+        if length < 4 * _BINS:
+            break
+        duration = length / sample_rate
+        starts = np.arange(0, rest.size - length + 1, length // 2)
+        window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
+        pieces_of = np.lib.stride_tricks.sliding_window_view(rest, length)[starts]
+        values = np.fft.rfft(pieces_of * window, axis=1)
+        for number, line in enumerate(lines):
+            bin_of, band = round(line.frequency * duration), _band_of(line.frequency, bands)
+            if band is None or not _FIRST <= bin_of < values.shape[1] - _LOBE:
+                continue
+            own = _windowed_tone(line, bin_of, length, starts, sample_rate)
+            sizes = line.amplitude * np.abs(1.0 + values[:, bin_of] / own)
+            i = int(np.argmax(sizes))
+            scatter = math.sqrt(_WIDE * float(bands.floor[1, band]) / duration)
+            least = (1.0 + LINE_ERROR) * line.amplitude + _SIGMAS_OF_LINES * scatter
+            if sizes[i] > least and (
+                number not in largest or sizes[i] > math.sqrt(2.0) * largest[number].level
+            ):
+                begun = float(starts[i]) / sample_rate
+                largest[number] = _larger_line(line, float(sizes[i]), begun, duration)
+    yield from largest.values()
+
+
+def _band_of(frequency: float, bands: _Bands) -> int | None:
+    """Number of the band that a frequency [Hz] is in; None where it is in none."""
+    number = int(np.searchsorted(bands.edges, frequency, side="right")) - 1
+    if 0 <= number < bands.edges.size - 1:
+        return number
+    return None
+
+
+def _windowed_tone(
+    line: Line, bin_of: int, length: int, starts: np.ndarray, sample_rate: float
+) -> np.ndarray:
+    """Values in one bin of the Hann-windowed pieces (p,) of a steady line that begin with the samples
+    ``starts`` (p,).
+    """
+    off = line.frequency * length / sample_rate - bin_of
+    # sinc(d)/(1 - d^2) is the Hann window's transform, here no further than half a bin away
+    tone = (
+        0.25
+        * length
+        * np.sinc(off)
+        / (1.0 - off**2)
+        * np.exp(1j * np.pi * off * (1.0 - 1.0 / length))
+    )
+    begun = 2.0 * np.pi * line.frequency * starts / sample_rate + line.phase
+    return np.asarray(line.amplitude * tone * np.exp(1j * begun))
+
+
+def _larger_line(line: Line, size: float, start: float, duration: float) -> Excess:
+    """Excess of a line that is as large as ``size`` in a piece of the record."""
+    rms = math.sqrt(0.5 * (size**2 - line.amplitude**2))
+    level, counted = math.sqrt(0.5) * size, math.sqrt(0.5) * line.amplitude
+    low, high = line.frequency - 1.0 / duration, line.frequency + 1.0 / duration
+    times = size / line.amplitude
+    return Excess(low, high, rms, level, counted, start, start + duration, times, certain=False)
 
 
 def _loudest_part(power: np.ndarray, of_lines: np.ndarray, edges: np.ndarray) -> int | None:

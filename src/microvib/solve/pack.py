@@ -170,7 +170,11 @@ class Packed:
         """Whether another drive differs from this one in some of its fields."""
         for name in fields:
             own, other = getattr(self.drive, name), getattr(drive, name)
-            if own is not other and not np.array_equal(own, other):
+            if isinstance(own, np.ndarray):
+                same = own is other or np.array_equal(own, other)
+            else:
+                same = own == other
+            if not same:
                 return True
         return False
 
@@ -277,6 +281,7 @@ def pack(scenario: Scenario) -> Packed:
     )
 
 
+_NO_HARNESS = Harness()
 _LONG_RAMP = 0.95
 """Part of a microstep's period from which a ramp lasts almost until the next one begins."""
 
@@ -505,7 +510,7 @@ def _drive(scenario: Scenario) -> Any:
     J_m, J_L, J_c = load.rotor_left, load.output_left, load.cross_left
     noise, noise_rate = torque_noise(scenario)
     rough, rough_rate = roughness(scenario)
-    harness = scenario.friction.harness or Harness()
+    harness = scenario.friction.harness or _NO_HARNESS
     memories = (
         motor.friction.memory,
         scenario.friction.memory,

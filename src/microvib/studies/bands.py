@@ -37,6 +37,10 @@ ROLL_OFFS = (0.01, 0.5)
 _EDGE = Measure("Hz", form=".6g")
 _SIGMAS = 3.0
 """Standard uncertainties that a peak keeps from its limit, as lines do."""
+_AS_LOUD = 1.25
+"""Ratio of RMS up to which the ends of a record are taken for as loud as the rest."""
+_OF_PIECE = 1.5
+"""Height of a peak over what the RMS of a piece says that it is in for a part only; assumed."""
 _GRID = 64
 """Frequencies of a band at which the force table is asked."""
 
@@ -224,7 +228,8 @@ def _judged(
         _tolerance_of_table(recording, name, limit, roll_off, history.largest),
         _tolerance_of_background(background, name, limit, roll_off),
     )
-    verdict = _verdict(limit, figures, blind, _unseen_reason(limit, looked_at, gaps), tolerances)
+    unseen = _unseen_reason(limit, looked_at, gaps) or _loud_ends_reason(history, limit, rate)
+    verdict = _verdict(limit, figures, blind, unseen, tolerances)
     return _row(name, limit, figures, roll_off, looked_at, verdict)
 
 
@@ -359,6 +364,19 @@ def _too_short(recording: Recording, limit: BandLimit, roll_off: float) -> str:
     if limit.low > 0.0:
         needed += MIN_CYCLES / limit.low
     return f"the filter is longer than the record of {recording.duration:.4g} s; {needed:.3g} s would do"
+
+
+def _loud_ends_reason(history: BandHistory, limit: BandLimit, rate: float) -> str:
+    """Reason why the ends of a record, which are the filter's transients, may hold a peak above the
+    limit, as a clause; empty where they are no louder than the rest, or may not.
+    """
+    if history.ends <= _AS_LOUD or _OF_PIECE * history.ends * history.largest <= limit.limit:
+        return ""
+    times = f"up to {history.ends:.2g} times" if history.ends < 100.0 else "over 100 times"
+    return (
+        f"the first and the last {history.first / rate:.3g} s, which are the filter's transients, are {times}"
+        " as loud as the rest (a longer record around it)"
+    )
 
 
 def _unseen_reason(limit: BandLimit, looked_at: float, gaps: Gaps) -> str:

@@ -50,7 +50,7 @@ from microvib.model.line_names import (
     full_step_line,
     of_second_wing,
 )
-from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
+from microvib.model.linear import CoupledMode, LinearLine, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.turning import decay_in_motion, parametric_resonances
@@ -104,9 +104,15 @@ STEP_OF_LIMIT = (
 )
 RECORD_GAP = "not judged: the record does not show all lines of tracking"
 BEYOND_LINEAR_MODEL = (
-    "not judged: lines that the linearised drive lacks may be above the limit (a plan of the full"
-    " model judges them)"
+    "not judged: what the linearised drive leaves out may put lines above the limit (a plan of the"
+    " full model judges it)"
 )
+_SPRING_LOST = 0.01
+"""Part of the electromagnetic spring up to which the linearised drive's lines leave out that it varies."""
+_LINEAR_ERROR = 0.1
+"""Part by which lines of the linearised drive may be larger by what is not linear, where its spring
+varies by less than ``_SPRING_LOST``; assumed, twice the largest seen.
+"""
 NEAR_RESONANCE = "too close to a resonance:"
 
 
@@ -897,16 +903,63 @@ def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool =
 def _linear_case(changed: Scenario, rate: Si, microsteps: int) -> RateCase:
     """As ``_full_case``."""
     found = linear_lines(changed, HARMONICS)
+    spring_lost = _spring_lost(changed, found)
+    amplitudes = _with_weaker_spring(changed, found, spring_lost)
     lines = tuple(
-        RateLine(driving_line(x.order), "drive", float(x.order), x.frequency, abs(x.amplitude))
-        for x in found
+        RateLine(driving_line(x.order), "drive", float(x.order), x.frequency, largest)
+        for x, largest in zip(found, amplitudes, strict=True)
     )
+    most = (1.0 + _LINEAR_ERROR) * np.array(amplitudes)
+    at = np.array([x.frequency for x in found])
     others = (
+        OutOfBandLines(
+            "driving lines by the error of the linearised drive", at, most, np.zeros_like(at)
+        ),
         *clock_line_bounds(changed, 0.0, math.inf, known=HARMONICS),
         *nonlinear_torque_bounds(changed, 0.0, math.inf),
     )
     hidden = tuple(_noise_bounds(changed, None))
-    return RateCase(rate, microsteps, lines, hidden=hidden, shown=0.0, unseen=others)
+    gap = _linear_gap(spring_lost)
+    return RateCase(rate, microsteps, lines, hidden=hidden, shown=0.0, unseen=others, gap=gap)
+
+
+def _spring_lost(changed: Scenario, lines: Sequence[LinearLine]) -> float:
+    """Part by which the electromagnetic spring of a drive is at times weaker than in the linearised one:
+    the rotor swings about the field, and currents that go straight from one reference to the next
+    lack of the circle.
+    """
+    by_swing = 0.25 * sum(abs(x.deviation) ** 2 for x in lines)
+    if changed.driver.microstep_ramp == 0.0:
+        return by_swing
+    step = changed.motor.rotor_teeth * changed.driver.microstep(changed.motor)
+    return by_swing + 1.0 - math.cos(0.5 * step)
+
+
+def _linear_gap(spring_lost: float) -> RecordGap | None:
+    """Reason why a linearised drive's lines decide nothing, as its spring is not constant; None where
+    it is.
+    """
+    if spring_lost <= _SPRING_LOST:
+        return None
+    return RecordGap(
+        f"the drive is not linear: by its swing and its microsteps the electromagnetic spring varies by"
+        f" {100.0 * spring_lost:.2g} %, and at most {100.0 * _SPRING_LOST:.2g} % are left out (a plan of"
+        " the full model judges it)",
+        turns=True,
+        overstated=math.inf,
+    )
+
+
+def _with_weaker_spring(
+    changed: Scenario, lines: Sequence[LinearLine], spring_lost: float
+) -> list[float]:
+    """Amplitudes of a linearised drive's lines, or those with the weaker spring if they are larger:
+    beside a mode little moves them.
+    """
+    current = max(1.0 - spring_lost, 1.0 - _SPRING_LOST) * changed.motor.current
+    weaker = linear_lines(changed.with_si({"motor.current": current}), HARMONICS)
+    pairs = zip(lines, weaker, strict=True)
+    return [max(abs(a.amplitude), abs(b.amplitude)) for a, b in pairs]
 
 
 def _combine_drives(first: RateCase, second: RateCase) -> RateCase:

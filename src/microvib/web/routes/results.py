@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator
 from hashlib import sha256
 from pathlib import Path
@@ -56,6 +57,8 @@ GENERATED_FILES = (
     "report.html",
     "report.pdf",
 )  # files that are made when they are asked for
+_LOOK_AGAIN = 0.01
+"""s after which a question that waits looks again whether a computation has ended."""
 _OLDER = (
     "another version of microvib, or another user, kept this run: its pictures and tables are here; run"
     " it again for a verdict, a report or an export"
@@ -121,13 +124,21 @@ async def jobs(
     ids: Annotated[
         str | None, Query(max_length=2000, description="ids, separated by commas")
     ] = None,
+    wait: Annotated[
+        int, Query(ge=0, le=1000, description="ms to wait for one of the ids to end or to be gone")
+    ] = 0,
 ) -> list[JobState]:
     """All computations, or those of the ids that are still here."""
     if ids is None:
-        asked = None
-    else:
-        asked = set(ids.split(","))
-    return [_state(job) for job in store.jobs() if asked is None or job.id in asked]
+        return [_state(job) for job in store.jobs()]
+    asked = set(ids.split(","))
+    until = time.monotonic() + 1e-3 * wait
+    while True:
+        found = [job for job in store.jobs() if job.id in asked]
+        go_on = len(found) == len(asked) and not any(job.state in ENDED for job in found)
+        if not go_on or store.closed or time.monotonic() >= until:
+            return [_state(job) for job in found]
+        await asyncio.sleep(_LOOK_AGAIN)
 
 
 @routes.get("/jobs/{id}")

@@ -2,23 +2,24 @@
 // A question names the jobs that it is about: an answer says nothing of a job that was started after it was asked,
 // and of one that was asked about, its silence means that the server has it no more.
 
-import { getSurely, pause } from "./api.js";
+import { getSurely } from "./api.js";
 
 const ENDED = ["done", "failed", "cancelled"];
-const AGAIN = 0.05; // of the time that the youngest computation has taken, after which it is asked about again
-const PAUSES = [30, 250]; // ms, least and most of it
+const AGAIN = 0.05; // of the time that the youngest computation has taken, for which an answer may wait for an end
+const WAITS = [100, 250]; // ms, least and most of it
 const GONE = { state: "gone", error: "The server no longer has this computation: it was restarted, or dropped it to make room for newer ones." };
 
 const followed = new Map();
 let asking = false;
 
-/** Follow a job to its end: {state: "done", result}, or {state: "failed", "cancelled" or "gone", error}. `onStep` gets each state on the way. */
-export async function follow(id, onStep = () => {}) {
+/** Follow a job to its end: {state: "done", result}, or {state: "failed", "cancelled" or "gone", error}. `onStep` gets each state on the way; `onDone` is called before the result has come. */
+export async function follow(id, onStep = () => {}, onDone = () => {}) {
   const end = await new Promise((resolve) => {
     followed.set(id, { onStep, resolve, since: performance.now() });
     ask();
   });
   if (end.state !== "done") return end;
+  onDone();
   try {
     return { state: "done", result: await getSurely(`/api/jobs/${id}/result`) };
   } catch {
@@ -26,23 +27,23 @@ export async function follow(id, onStep = () => {}) {
   }
 }
 
-// One question for all jobs: a stream for each would use up the six connections that a browser's tabs share.
+// One question for all jobs: a stream for each would use up the six connections that a browser's tabs share. The server answers
+// when one of them has ended, or has them wait no longer.
 async function ask() {
   if (asking) return;
   asking = true;
   while (followed.size) {
     const ids = [...followed.keys()];
-    const jobs = await getSurely("/api/jobs", { ids: ids.join(",") }).catch(() => []);
+    const jobs = await getSurely("/api/jobs", { ids: ids.join(","), wait: waitFor() }).catch(() => []);
     for (const id of ids) step(id, jobs.find((job) => job.id === id) ?? GONE);
-    await pause(untilNext());
   }
   asking = false;
 }
 
-function untilNext() {
+function waitFor() {
   const youngest = performance.now() - Math.max(...[...followed.values()].map(({ since }) => since));
-  const [least, most] = PAUSES;
-  return Math.min(Math.max(AGAIN * youngest, least), most);
+  const [least, most] = WAITS;
+  return Math.round(Math.min(Math.max(AGAIN * youngest, least), most));
 }
 
 function step(id, job) {

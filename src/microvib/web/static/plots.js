@@ -114,7 +114,8 @@ const FINEST = 4000;
 
 /** Points that are worth asking for, of each of so many curves: two for a pixel, and fewer where many curves lie over each other. */
 export function pointsFor(place, curves) {
-  const pixels = Math.max(place.clientWidth, FEWEST) * (window.devicePixelRatio > 1 ? 2 : 1);
+  const width = place.clientWidth || place.closest("[hidden]")?.parentElement.clientWidth || 0;
+  const pixels = Math.max(width, FEWEST) * (window.devicePixelRatio > 1 ? 2 : 1);
   const step = curves > 8 ? 1 : 2;
   return Math.min(step * 500 * Math.ceil(pixels / 500), FINEST); // in steps, so that a window's width does not ask anew
 }

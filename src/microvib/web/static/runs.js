@@ -22,6 +22,10 @@ export const selected = () => chosen;
 export const going = (run) => ["asked", "queued", "running"].includes(run.state);
 /** Listeners hear "runs" where there are others, or other results; "names"; "state" and "progress" of those that go on. */
 export const onChange = (listener) => listeners.add(listener);
+/** Listeners hear of a run whose samples are there, before its result has come. */
+export const onReady = (listener) => readyListeners.add(listener);
+const readyListeners = new Set();
+const ready = (run) => readyListeners.forEach((listener) => listener(run));
 const tell = (what) => listeners.forEach((listener) => listener(what));
 
 /** Start a run of {scenario, name, steady, seeds}, which is then followed to its end. Refused where the server does not take it. */
@@ -76,7 +80,7 @@ function unlike(name) {
 }
 
 async function finish(run) {
-  const end = await follow(run.id, (job) => step(run, job));
+  const end = await follow(run.id, (job) => step(run, job), () => ready(run));
   if (!runs.includes(run)) return;
   Object.assign(run, end.state === "gone" && run.unwanted ? { state: "cancelled" } : end);
   if (run.state === "done") performance.mark("run-done");
@@ -195,8 +199,10 @@ export function deleted(id) {
 
 /** What the server says of a run's samples; a run that it has no more is gone from now on. */
 export async function ask(run, what, query, options) {
-  const question = `${run.id} ${what} ${JSON.stringify(query)}`;
+  const question = asked(run, what, query);
   if (LASTING.includes(what) && answers.has(question)) return answers.get(question);
+  const early = await foreseen.get(question);
+  if (early) return early;
   try {
     const answer = await get(`/api/runs/${run.id}/${what}`, query, options);
     if (LASTING.includes(what)) remember(question, answer);
@@ -206,6 +212,17 @@ export async function ask(run, what, query, options) {
     throw error;
   }
 }
+
+const asked = (run, what, query) => `${run.id} ${what} ${JSON.stringify(query)}`;
+
+/** Ask for what will be drawn as soon as the result is there. */
+export function foresee(run, what, query) {
+  const answer = ask(run, what, query).catch(() => null); // who draws it asks again, and hears why
+  const question = asked(run, what, query);
+  foreseen.set(question, answer.finally(() => foreseen.delete(question)));
+}
+
+const foreseen = new Map();
 
 // Samples of a run do not change: what was asked once, of runs that lie below a new one, is not asked again.
 const LASTING = ["spectrum", "series"];

@@ -17,7 +17,7 @@ const HIGHEST = 200;
 const LOWEST = 0.1; // of a logarithmic axis, unless the first bin is lower [Hz]
 const NAMES = 3; // of curves, beyond which the runs' list alone has them
 const SIZE = 10.5; // of names
-const AROUND = 76; // margins of the plot, before it has been drawn
+const AROUND = [87, 90]; // margins of the plot, before it has been drawn
 
 const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true, orders: "", y: null, ...kept("spectrum", {}) };
 const plot = h("div", { class: "plot tall", id: "spectrum-plot", role: "img", "aria-label": "Amplitude spectrum of the runs" });
@@ -75,13 +75,20 @@ addCursors(plot, "frequency", bases);
 let listening = false;
 const asking = latest();
 
+/** What the window shows of each of so many runs. */
+function query(curves) {
+  return { channel: view.channel, window: "hann", ...stretch(view.window), points: pointsFor(plot, curves), log: view.logX };
+}
+
+runs.onReady((run) => run.visible && runs.foresee(run, "spectrum", query(runs.shown().length + 1)));
+
 /** Ask for what the window shows of each run, and draw it. */
 export async function update() {
   fillChannels(channel, runs.shown(), view.channel);
   const shown = runs.shown().filter((run) => has(run, view.channel));
-  const query = { channel: view.channel, window: "hann", ...stretch(view.window), points: pointsFor(plot, shown.length), log: view.logX };
+  const wanted = query(shown.length);
   await asking(
-    (signal) => Promise.all(shown.map((run) => runs.ask(run, "spectrum", query, { signal }))),
+    (signal) => Promise.all(shown.map((run) => runs.ask(run, "spectrum", wanted, { signal }))),
     (spectra) => show(shown, spectra),
   );
 }
@@ -109,7 +116,7 @@ async function show(shown, spectra) {
 /** Width and height of the plot within its axes. */
 function area() {
   const size = plot._fullLayout?._size;
-  return size ? [Math.round(size.w), Math.round(size.h)] : [plot.clientWidth - AROUND, plot.clientHeight - AROUND];
+  return size ? [Math.round(size.w), Math.round(size.h)] : [plot.clientWidth - AROUND[0], plot.clientHeight - AROUND[1]];
 }
 
 new ResizeObserver(debounce(() => last && plot.clientWidth && show(...last), 200)).observe(plot);
@@ -137,7 +144,8 @@ function curve(run, spectrum) {
 }
 
 function dots(run) {
-  const lines = seen(run.result);
+  const [low, high] = view.window ?? [0, Infinity];
+  const lines = seen(run.result).filter((line) => line.frequency_hz >= low && line.frequency_hz <= high);
   return {
     x: lines.map((line) => line.frequency_hz),
     y: lines.map((line) => axis.y(line.amplitude_n_m)),
