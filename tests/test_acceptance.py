@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.tiers import at_a_release
 
 import microvib as mv
 from microvib.cli.main import main
@@ -97,7 +98,7 @@ def test_a_verdict_fails_by_one_run(folder):
     assert "loud.uff is an outlier in most of its lines" in one_fails.output
 
 
-@pytest.mark.parametrize("reference", [(), ("--reference", "state-1")])
+@pytest.mark.parametrize("reference", [(), at_a_release(("--reference", "state-1"))])
 @pytest.mark.parametrize(
     ("factor", "verdict"),
     [(1.0, "pass"), (1e-3, "not judged"), (-1e-3, "not judged"), (-1.0, "pass")],

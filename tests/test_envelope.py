@@ -237,6 +237,7 @@ def many(count, size=0.01):
     ]
 
 
+@pytest.mark.release
 def test_a_percentile_is_judged_from_59_members_on():
     limit = mv.Limit("15 mN*m", "5 Hz", "100 Hz")
     few = mv.envelope(many(58), statistics=["p95"], limit=limit)

@@ -306,6 +306,7 @@ def test_what_is_wrong_is_told_in_a_sentence(motion_1, mistake):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.release
 def test_a_shell_completes_keys_lines_channels_and_names(state_1, motion_1, table):
     from IPython.core.completer import provisionalcompleter
     from IPython.core.interactiveshell import InteractiveShell

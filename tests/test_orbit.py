@@ -151,6 +151,7 @@ def test_what_the_turning_changes_is_of_the_stated_size(rate: float) -> None:
     assert found.max() > 1e-3 * np.abs(wanted).max()
 
 
+@pytest.mark.release
 def test_a_mode_that_rings_too_long_does_not_allow_angles_one_by_one() -> None:
     orbit = analyse_orbit(near_a_mode(**{"array.modes.2.damping": 0.0005}), angles_in("60:120:20"))
     assert not orbit.quasi_static

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,9 +29,15 @@ def names(requirements):
             yield re.sub(r"[-_.]+", "-", name).lower()
 
 
+@cache
+def distributions():
+    """Distributions of each package that is installed."""
+    return importlib.metadata.packages_distributions()
+
+
 def imported(folder):
     """Packages that the modules of a folder import, by the module that does."""
-    packages = importlib.metadata.packages_distributions()
+    packages = distributions()
     for path in sorted(folder.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             modules = [a.name for a in node.names] if isinstance(node, ast.Import) else []

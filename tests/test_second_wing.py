@@ -469,6 +469,7 @@ def quick(**wing: Any) -> Scenario:
     )
 
 
+@pytest.mark.release
 def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     out, scenario = tmp_path / "run", quick(stagger=0.25)
     result, _, files = run_to_folder(scenario, out)

@@ -119,6 +119,7 @@ def test_a_factor_is_told_beside_a_resonance_of_the_table(tests, on_soft_table, 
         assert "lines follow within 10 %: check" in said
 
 
+@pytest.mark.release
 def test_a_sign_and_an_axis_are_told_beside_a_resonance_of_the_table(tests, on_soft_table):
     scenario, a, _ = tests
     for other in (a, scenario):

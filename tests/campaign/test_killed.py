@@ -155,6 +155,7 @@ def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, calm, wh
     )  # not computed twice
 
 
+@pytest.mark.release
 def test_slurm_shards_are_a_job_array_that_can_be_resumed(tmp_path, monkeypatch):
     """A stand-in for sbatch runs the first of two shards, as if the second had been cancelled; then there is one left."""
     tools = tmp_path / "bin"
