@@ -58,7 +58,7 @@ class Amplification(NamedTuple):
     least: np.ndarray
     """The smallest that it may be, by the mode's intervals."""
     value: np.ndarray
-    """That of the mode as given."""
+    """Factor of the mode as given."""
     most: np.ndarray
 
 

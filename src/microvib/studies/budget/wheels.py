@@ -222,7 +222,7 @@ class WheelOnCraft:
 
     @cached_property
     def _parts_by_key(self) -> tuple[list[str], np.ndarray]:
-        """Of which key of a harmonic each load is, and the loads (p, o, 6) that go round forward."""
+        """Key of each load's coefficient, and the loads (p, o, 6) that go round forward."""
         return [one[0] for one in self._each_part], np.array([one[1] for one in self._each_part])
 
     @cached_property
