@@ -471,3 +471,36 @@ def test_without_time_axis_a_rate_is_asked_for(tmp_path):
     with pytest.raises(RecordingError, match="give the sample rate in Hz"):
         read_recording(tmp_path / "bare.mat")
     assert read_recording(tmp_path / "bare.mat", sample_rate="100 Hz").sample_rate == 100.0
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Units: kN m", "Einheit: kN m", "Mz in kNm", "data divided by 1000", "Teiler 1000", "preamp 1000",
+     "Mz: 1000 x", "m = 1000, b = 0", "normalised to 1000 N m", "mV/Nm 1", "V/EU 0.001", "x 10^-3",
+     "unit multiplier: k", "Slope: 0.5"],
+)  # fmt: skip
+def test_a_line_on_top_that_may_scale_the_samples_lets_nothing_pass(tmp_path, line):
+    verdict, notes = _verdict_below(tmp_path, line)
+    assert verdict == "not judged"
+    assert any("may scale the samples of Mz" in x or "already multiplied by it" in x for x in notes)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Units: N m", "Range: 1000 N m", "Samples: 1000", "Sample rate: 1000 Hz", "Date: 2026-10-03 10:00",
+     "Test 1000 of the unit in mm", "Supply 28 V", "Mz in Nm", "Gear ratio 1000", "Run 12, table A"],
+)  # fmt: skip
+def test_a_line_on_top_that_scales_nothing_leaves_a_limit_judged(tmp_path, line):
+    assert _verdict_below(tmp_path, line)[0] == "pass"
+
+
+def _verdict_below(tmp_path, line):
+    """Verdict on 0.1 mN m against 90 of a file with a line above its columns, and the file's notes."""
+    t = np.arange(4000) / 1000.0
+    x = 1e-4 * np.sin(2.0 * np.pi * 37.3 * t) + 1e-6 * np.random.default_rng(1).normal(size=t.size)
+    rows = "\n".join(f"{a:.4f},{b:.9g}" for a, b in zip(t, x, strict=True))
+    file = tmp_path / "x.csv"
+    file.write_text(f"# {line}\nTime [s],Mz [N m]\n{rows}\n")
+    recording = read_recording(file)
+    judged = judge_recording(recording, Limit("90 mN*m", "5 Hz", "300 Hz"))
+    return judged.verdict, recording.notes

@@ -2,6 +2,7 @@
 wheel that is known, nothing in noise, what numbers must be said to be, and the budget of the result.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -359,6 +360,27 @@ def test_a_load_in_which_an_order_is_always_beside_another_is_bounded() -> None:
     wheel = KnownWheel(coefficients={"axial_torque": {2.0: 1e-7}}, mains=0.0)
     one = power_map(wheel, "axial_torque", 1)
     assert 1e-7 <= bound_coefficient(one, 2.01, np.ones(SPEEDS.size)) <= 1.2e-7
+
+
+@pytest.mark.parametrize("second", [1.0, 0.7, 0.0])
+def test_the_interval_of_a_radial_load_holds_either_axis(second: float) -> None:
+    """A load that does not go round in a circle is larger along one axis than its mean square says."""
+    wheel = KnownWheel()
+    powers = [power_map(wheel, "radial_force", seed).power for seed in (1, 2)]
+    quiet = np.median(powers[1])  # where nothing but noise is
+    powers[1] = second**2 * np.maximum(powers[1] - quiet, 0.0) + quiet
+    both = replace(
+        power_map(wheel, "radial_force", 1), power=np.mean(powers, axis=0), axes=tuple(powers)
+    )
+    [found] = [x for x in measured_wheel({"radial_force": both}).harmonics if x.order == 1.0]
+    [alone] = [
+        x for x in measured_wheel({"radial_force": both.of_axes[0]}).harmonics if x.order == 1.0
+    ]
+    c = found.coefficients["radial_force"]
+    large = alone.coefficients["radial_force"].value
+    assert c.least <= second * large + 0.02 * large
+    assert c.most >= large
+    assert c.axes_differ == (second < 1.0)
 
 
 def test_the_command_writes_what_a_budget_reads(tmp_path: Path) -> None:

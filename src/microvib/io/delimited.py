@@ -13,7 +13,7 @@ import numpy as np
 from microvib.io.csv_cells import unescape_formula
 from microvib.io.measured import Column, Hints, names_factor, recording_of, stated_rates
 from microvib.io.timestamps import in_seconds
-from microvib.testdata.channels import is_unit, named_unit, yaml_quoted
+from microvib.testdata.channels import as_load, is_unit, named_unit, yaml_quoted
 from microvib.testdata.recording import Recording, RecordingError
 
 MIN_ROWS = 8
@@ -40,6 +40,30 @@ _SAID_WITH_BLANK = re.compile(
     r"\W*([A-Za-z_]\w*(?:[ /-][A-Za-z]\w*){0,5}) ()([+-]?[\d.,]+(?:[eE][+-]?\d+)?) ?([^;,\t]{0,30}?)\W*"
 )
 """One that only a blank parts, such as ``Amplifier gain 10``, of factors alone."""
+_LOAD_UNIT = re.compile(
+    r"(?<![A-Za-z0-9/])(?<!\d )([kMmunµμ]?N(?:[ *·.-]?[cm]?m)?|lbf?[ .*-]?(?:in|ft)|kgf?[ .*-]?c?m)(?![A-Za-z])"
+)
+"""A unit of loads that is no number's."""
+_VOLTS_PER = re.compile(r"(?<![A-Za-z])[munµμ]?V ?(?:/|per )|(?:/|per ) ?[munµμ]?V(?![A-Za-z])")
+_THOUSAND = re.compile(
+    r"(?<![\d:/-])(?<!\d[.,])(?:1000|1[.,]?0?[eE][+-]?0?[36]|0[.,]001|10\^-?[36])(?![\d:/-]|[.,]\d)"
+)
+"""A thousand or a thousandth, as prefixes of units stand for."""
+_ONE = re.compile(r"\D*[:=;,\t ] *[01](?:[.,]0*)?\W*")
+"""A factor that leaves samples as they are."""
+_SCALES = re.compile(
+    r"divi[ds]|teil(er|t)|pre.?amp|coeff|koeff|konstant|constant|umrechn|exponent|normali|fa[ck]t|steigung|slope"
+    r"|ratio\b|verh(ä|ae)ltnis|per unit|kilo|milli|multipl|scal(e|ing)|skal|(?<![a-z])dB(?![a-z])",
+    re.IGNORECASE,
+)
+"""Words for what turns samples into others."""
+_SCALES_NOTHING = re.compile(
+    r"sampl|abtast|point|punkt|block|line|row|record|count|number|anzahl|nummer|channel|kanal|average|mittel|mittl|"
+    r"test|run\b|order|ordnung|time|zeit|date|datum|serial|version|speed|drehzahl|rate|range|bereich|span|duration|dauer"
+    r"|full|operator|comment|filter|frequen|gear|getriebe|reducer|inertia|damping",
+    re.IGNORECASE,
+)
+"""Words for what a number on top may be of, and no scale."""
 _THOUSANDS = re.compile(r"\d{1,3}([.,])\d{3}")
 
 
@@ -111,12 +135,22 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
             notes.append("the last row has no end of line")
     decimal = form.decimal if any(form.decimal in line for line in body) else ""
     said = _header_values(top, decimal)
+    above = top[:-1] if header.is_in_file else top
+    remark = next((line for line in above if _may_scale(line, header.units)), "")
     rates = _rates(top, decimal) or stated_rates(said)
     is_sampling_known = rates or hints.time is not None or hints.sample_rate is not None
     if not (header.is_in_file or is_sampling_known):
         raise _unnamed_columns(header.names)
     columns = [
-        Column(name, values, unit, rates, scales=said, units={"in its header": own} if own else {})
+        Column(
+            name,
+            values,
+            unit,
+            rates,
+            scales=said,
+            units={"in its header": own} if own else {},
+            remark=remark,
+        )
         for name, values, unit, own in zip(
             header.names,
             data.T,
@@ -336,6 +370,28 @@ def _header_values(top: Sequence[str], decimal: str) -> dict[str, str]:
             f"{said[3].replace(',', '.')} {said[4].strip(' []()') or said[2] or ''}".strip()
         )
     return found
+
+
+def _may_scale(line: str, units: Sequence[str]) -> bool:
+    """Whether a line on top may say that samples are to be multiplied, or are in another unit than
+    ``units``, those of the columns.
+    """
+    if len(line) > LONGEST_SAID:
+        return False
+    if any(_is_another_unit(unit, units) for unit in _LOAD_UNIT.findall(line)):
+        return True
+    if _VOLTS_PER.search(line):
+        return True
+    if _SCALES_NOTHING.search(line) or _ONE.fullmatch(line):
+        return False
+    return bool(_THOUSAND.search(line) or _SCALES.search(line))
+
+
+def _is_another_unit(said: str, units: Sequence[str]) -> bool:
+    """Whether a unit of loads is of the kind of some of the columns' ``units``, and none of them."""
+    given, own = as_load(f"1 {said}"), [as_load(f"1 {unit}") for unit in units]
+    alike = [one for one in own if one is not None and given is not None and one[1] == given[1]]
+    return bool(alike) and given not in alike
 
 
 def _rates(top: Sequence[str], decimal: str) -> dict[str, float]:

@@ -121,6 +121,7 @@ class Column:
     """
     units: Mapping[str, str] = field(default_factory=dict)
     """Further units that the file gives, by where they stand."""
+    remark: str = ""  # what the file says that may scale the samples, or give them another unit
     field: str = ""  # where the samples are in the file, if that is not the name
     unfit: str = ""  # why it is no time history, where it is none
 
@@ -272,17 +273,20 @@ def _uncertain_scale(channel: Column, hints: Hints) -> Iterator[UnusableBand]:
     if decided or unwanted or as_load(f"1 {channel.unit}") is None:
         return
     found = next((x for x in channel.scales.items() if _is_factor(*x)), None)
-    if found is None:
-        return
-    name, value = found
-    shown = value if isinstance(value, str) else f"{float(np.ravel(value)[0]):.6g}"
     key, unit = yaml_quoted(channel.name), channel.unit.strip().strip("[]").strip()
+    if found is not None:
+        name, value = found
+        shown = value if isinstance(value, str) else f"{float(np.ravel(value)[0]):.6g}"
+        said = f"'{name}: {shown[:40]}', and not whether the samples of {channel.name} are already multiplied by it"
+    elif channel.remark:
+        said = f"'{channel.remark[:60]}' above its columns, which may scale the samples of {channel.name}"
+    else:
+        return
     yield UnusableBand(
         0.0,
         math.inf,
-        f"the file says '{name}: {shown[:40]}', and not whether the samples of {channel.name} are already"
-        f" multiplied by it; add to the preparation file units: {{{key}: {unit}}} if they are, or what 1 in"
-        f" the file stands for, such as units: {{{key}: 1000 {unit}}}",
+        f"the file says {said}; add to the preparation file units: {{{key}: {unit}}} if these are in {unit},"
+        f" or what 1 in the file stands for, such as units: {{{key}: 1000 {unit}}}",
         "scale",
     )
 

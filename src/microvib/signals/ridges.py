@@ -10,7 +10,7 @@ were tried.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -47,6 +47,13 @@ class PowerMap:
     """Bins on either side of a line that hold its power."""
     spread: np.ndarray | None = None
     """By how much the speed changes during a spectrum [rad/s], (n,); None where it does not."""
+    axes: tuple[np.ndarray, ...] = ()
+    """Powers of either axis, each (n, m), where these are the mean of two; else none."""
+
+    @property
+    def of_axes(self) -> tuple[PowerMap, ...]:
+        """The map of either axis alone; none where it is of one."""
+        return tuple(replace(self, power=power, axes=()) for power in self.axes)
 
     @property
     def smear(self) -> np.ndarray:

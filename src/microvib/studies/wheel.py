@@ -21,6 +21,7 @@ from microvib.studies.wheel_fit import (
     factor_of,
     find_modes,
     fit_coefficient,
+    over_axes,
     read_order,
 )
 
@@ -164,8 +165,13 @@ def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWhee
         readings = [read_order(one, x.values[0], search.ridges) for x in orders]
         own = find_modes(load, readings, whirls)
         modes += own
+        of_axes = one.of_axes
         for reading in readings:
-            c = fit_coefficient(reading, amplification_of(own, reading))
+            factor = amplification_of(own, reading)
+            alone = (read_order(axis, reading.order, search.ridges) for axis in of_axes)
+            c = over_axes(
+                fit_coefficient(reading, factor), [fit_coefficient(x, factor) for x in alone]
+            )
             if not np.isfinite(c.most):
                 factor = factor_of(own, reading.order, one.speed)
                 c = replace(c, most=bound_coefficient(one, reading.order, factor), bounded=True)
@@ -202,6 +208,8 @@ def _remark(one: Coefficient) -> str:
     said = ["not seen"] if one.value == 0.0 else []
     if one.near_modes:
         said.append("near a mode at all speeds")
+    if one.axes_differ:
+        said.append("its axes differ: the interval holds either")
     return ", ".join(said)
 
 

@@ -107,6 +107,9 @@ class Coefficient:
     """Whether all of these are near a mode, whose amplification is taken out."""
     bounded: bool = False
     """Whether other ridges mask the order at every speed, so that only ``most`` is known."""
+    axes_differ: bool = False
+    """Whether both axes across the spin axis have coefficients whose intervals are apart: then the load
+    does not go round in a circle."""
 
 
 def read_order(one: PowerMap, order: float, ridges: Sequence[Ridge]) -> Reading:
@@ -201,6 +204,16 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
         return Coefficient(0.0, 0.0, float(most), int(used.sum()), near_modes)
     least = float(np.sqrt(max(q - reach, 0.0)))
     return Coefficient(float(value), least, float(most), int(used.sum()), near_modes)
+
+
+def over_axes(mean: Coefficient, axes: Sequence[Coefficient]) -> Coefficient:
+    """The coefficient of the mean square of both axes, with an interval that holds those of either alone."""
+    if not axes:
+        return mean
+    least = min(mean.least, *(one.least for one in axes))
+    most = max(mean.most, *(one.most for one in axes))
+    apart = max(one.least for one in axes) > min(one.most for one in axes)
+    return replace(mean, least=least, most=most, axes_differ=apart)
 
 
 def bound_coefficient(one: PowerMap, order: float, factor: np.ndarray) -> float:

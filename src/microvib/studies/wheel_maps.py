@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -66,8 +66,9 @@ def maps_of_files(files: Mapping[str, Sequence[str]], given: Given) -> dict[str,
         first = each[0][1]
         speed = first.speed * SPEED_UNITS[given.speeds or ""]
         found[load] = PowerMap(
-            speed, first.frequency, np.mean(powers, axis=0), LOBES[given.window or "hann"]
-        )
+            speed, first.frequency, np.mean(powers, axis=0), LOBES[given.window or "hann"],
+            axes=tuple(powers) if len(powers) > 1 else (),
+        )  # fmt: skip
     return found
 
 
@@ -170,9 +171,9 @@ def maps_of_recording(
     window = window_values("hann", samples)
     f = np.fft.rfftfreq(samples, 1.0 / rate)
     kept = f <= highest * rate
-    each = [speed[k : k + samples] for k in starts]
-    mean = np.array([float(window @ x / window.sum()) for x in each])
-    spread = np.array([float(np.ptp(x)) for x in each])
+    slices = [speed[k : k + samples] for k in starts]
+    mean = np.array([float(window @ x / window.sum()) for x in slices])
+    spread = np.array([float(np.ptp(x)) for x in slices])
     order = np.argsort(mean)
     found = {}
     for load, names in channels.items():
@@ -187,8 +188,9 @@ def maps_of_recording(
             )
             powers.append(2.0 * np.abs(spectra) ** 2 / (samples * np.sum(window**2)))
         if powers:
+            each = [power[np.ix_(order, kept)] for power in powers]
             found[load] = PowerMap(
-                mean[order], f[kept], np.mean(powers, axis=0)[np.ix_(order, kept)], LOBES["hann"]
-            )
-            found[load] = replace(found[load], spread=spread[order])
+                mean[order], f[kept], np.mean(each, axis=0), LOBES["hann"], spread[order],
+                axes=tuple(each) if len(each) > 1 else (),
+            )  # fmt: skip
     return found

@@ -8,7 +8,7 @@ of its axial, radial and rocking modes. A rocking rotor that turns with the spee
 r = I_polar / I_transverse its denominator is w0^2 - w^2 -/+ r W w + 2j xi w0 w for whirl backward and
 forward, (w_f - w)(w_b + w) for forward whirl, with both whirl frequencies at that speed, whose
 product is w0^2 and whose difference is r W. These may also be measured. Harmonics of bearings go round
-either way: the largest of both counts, and in *least* the smallest. Frequencies that may be off by a part e,
+either way, with one factor forward and another backward. Frequencies that may be off by a part e,
 all of a mode together, are met at v = w / s as those given, with s between 1 - e and 1 + e.
 """
 
@@ -53,17 +53,17 @@ def whirl_frequencies(mode: WheelMode, speed: np.ndarray) -> tuple[np.ndarray, n
 
 
 class Amplification(NamedTuple):
-    """Factor of a mode on each order at its frequencies, (o, n)."""
+    """Factor of a mode on loads of each order at its frequencies that go round forward, and backward, (2, o, n)."""
 
     least: np.ndarray
-    """The smallest that it may be, by the mode's intervals and the direction in which loads go round."""
+    """The smallest that it may be, by the mode's intervals."""
     value: np.ndarray
-    """The larger of both directions, by the mode as given."""
+    """Factor of the mode as given."""
     most: np.ndarray
 
 
 def amplification(mode: WheelMode, frequency: np.ndarray, orders: np.ndarray) -> Amplification:
-    """Factor of a mode on each order at its frequencies (o, n) [Hz]."""
+    """Factor of a mode on each order at its frequencies (o, n) [Hz], whichever way its loads go round."""
     w = 2.0 * np.pi * frequency
     back, forth = whirl_frequencies(mode, w / orders[:, None])
     exactly = _Interval(w, w, (mode.damping, mode.damping))
@@ -73,7 +73,7 @@ def amplification(mode: WheelMode, frequency: np.ndarray, orders: np.ndarray) ->
     ways = ((forth, back), (back, forth))
     given = [_extremes(exactly, *way)[1] for way in ways]
     least, most = zip(*[_extremes(about, *way) for way in ways], strict=True)
-    return Amplification(np.minimum(*least), np.maximum(*given), np.maximum(*most))
+    return Amplification(np.array(least), np.array(given), np.array(most))
 
 
 class _Interval(NamedTuple):

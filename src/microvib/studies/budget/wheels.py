@@ -123,16 +123,17 @@ class WheelOnCraft:
         return turning_drives(self.scenario, self.sticking)
 
     def _forces(self) -> np.ndarray:
-        """Forces on the coordinates by the square of the speed, (o, n, p)."""
+        """Forces on the coordinates by the square of the speed, either way round, (2, o, n, p)."""
         most = self._ends_of_parts[1][:, None, None] * self._parts
-        return np.asarray(self.turning.craft.on_hub(self.place) @ most.transpose(1, 2, 0))
+        return np.asarray(self.turning.craft.on_hub(self.place) @ most.transpose(0, 2, 3, 1))
 
     def _side_lines(self) -> SideLines | None:
-        """Side lines of each order at its speed."""
+        """Side lines of each order at its speed, of both ways round together: a bound on those of either."""
         speed, _ = self.speeds
         (f,) = self.frequencies(np.array([speed]))
-        gain = self._gain(f[:, None]).most[:, :, 0].T
-        return self.turning.of_lines(f, self._forces() * gain[:, None, :] * speed**2)
+        gain = self._gain(f[:, None]).most[:, :, :, 0].transpose(0, 2, 1)
+        forces = self._forces() * gain[:, :, None, :] * speed**2
+        return self.turning.of_lines(f, np.concatenate([*forces], axis=2))
 
     @cached_property
     def _motions(self) -> list[np.ndarray]:
@@ -145,12 +146,12 @@ class WheelOnCraft:
     def _over_grid(self, motion: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
         """Motion by each order over the grid, (o, m), as forces at frequencies make it."""
         speed = 2.0 * np.pi * self.grid / self.orders[:, None]
-        gains = self._gain_on_grid.most.transpose(1, 2, 0)
-        each = [
-            np.sum(motion(self.grid, on) * gain, axis=1)
-            for on, gain in zip(self._forces(), gains, strict=True)
+        gains = self._gain_on_grid.most.transpose(0, 2, 3, 1)
+        ways = [
+            [motion(self.grid, on) * gain for on, gain in zip(*way, strict=True)]
+            for way in zip(self._forces(), gains, strict=True)
         ]
-        return np.asarray(np.array(each) * speed**2)
+        return np.asarray(np.sum(np.max(ways, axis=0), axis=2) * speed**2)
 
     @cached_property
     def _swept_side_lines(self) -> SideLines | None:
@@ -193,8 +194,11 @@ class WheelOnCraft:
 
     @property
     def _parts(self) -> np.ndarray:
-        """Loads by the square of the speed, each with a phase of its own, (p, o, 6)."""
-        return self._parts_by_key[1]
+        """Loads by the square of the speed, each with a phase of its own, as they are where they go round
+        forward, and backward, (2, p, o, 6).
+        """
+        forward = self._parts_by_key[1]
+        return np.array([forward, forward.conj()])
 
     @cached_property
     def _each_part(self) -> list[tuple[str, np.ndarray, tuple[float, float], float]]:
@@ -218,7 +222,7 @@ class WheelOnCraft:
 
     @cached_property
     def _parts_by_key(self) -> tuple[list[str], np.ndarray]:
-        """Loads as in ``_parts``, and of which key of a harmonic each is."""
+        """Key of each load's coefficient, and the loads (p, o, 6) that go round forward."""
         return [one[0] for one in self._each_part], np.array([one[1] for one in self._each_part])
 
     @cached_property
@@ -234,21 +238,21 @@ class WheelOnCraft:
         return by_coefficients or any(one.uncertain for one in self.wheel.modes)
 
     def _gain(self, frequency: np.ndarray) -> Amplification:
-        """Factor of the wheel's modes on the parts of each order at its frequencies (o, n) [Hz],
-        (p, o, n).
+        """Factor of the wheel's modes on the parts of each order at its frequencies (o, n) [Hz], either
+        way round, (2, p, o, n).
         """
         keys, parts = self._parts_by_key
-        found = np.ones((3, len(parts), *frequency.shape))
+        found = np.ones((3, 2, len(parts), *frequency.shape))
         for mode in self.wheel.modes:
             of_mode = amplification(mode, np.maximum(frequency, 1e-12), self.orders)
             for k, key in enumerate(keys):
                 if key in MOVED_BY[mode.motion]:
-                    found[:, k] *= of_mode
+                    found[:, :, k] *= of_mode
         return Amplification(*found)
 
     @cached_property
     def _gain_on_grid(self) -> Amplification:
-        """Factor of the wheel's modes over the grid, (p, o, m)."""
+        """Factor of the wheel's modes over the grid, either way round, (2, p, o, m)."""
         return self._gain(np.broadcast_to(self.grid, (self.orders.size, self.grid.size)))
 
     @cached_property
@@ -272,14 +276,15 @@ class WheelOnCraft:
 
     def _sizes(self, frequency: np.ndarray) -> Amplification:
         """Amplitudes [rad] of the parts of each order at its frequencies (o, n) [Hz], (p, o, n, 2), with the
-        factor of the wheel's modes.
+        factor of the wheel's modes: the larger of both ways round, and of the least the smaller.
         """
         by = line_of_sight_transfer(self.scenario, frequency.ravel(), self.place).reshape(
             *frequency.shape, 2, 6
         )
         speed = 2.0 * np.pi * frequency / self.orders[:, None]
-        sizes = np.abs(np.einsum("onkc,poc->ponk", by, self._parts)) * speed[:, :, None] ** 2
-        return Amplification(*(gain[..., None] * sizes for gain in self._gain(frequency)))
+        sizes = np.abs(np.einsum("onkc,wpoc->wponk", by, self._parts)) * speed[:, :, None] ** 2
+        least, value, most = (gain[..., None] * sizes for gain in self._gain(frequency))
+        return Amplification(np.minimum(*least), np.maximum(*value), np.maximum(*most))
 
     @cached_property
     def _not_measured(self) -> tuple[Unobserved, ...]:
@@ -377,18 +382,27 @@ class WheelOnCraft:
         )
 
     def _gain_at(self, at: np.ndarray) -> Amplification:
-        """Factor of the wheel's modes at frequencies (o n,) of one order after another, (p, o, n)."""
+        """Factor of the wheel's modes at frequencies (o n,) of one order after another, either way round,
+        (2, p, o, n).
+        """
         return self._gain(at.reshape(self.orders.size, -1))
 
     def _responses_of_states(self, at: np.ndarray, gain: np.ndarray) -> np.ndarray:
         """Smallest and largest of these over all states of the drives, (2, o n, 2), with factors ``gain``
-        (p, o, n) of the wheel's modes.
+        (2, p, o, n) of the wheel's modes.
         """
         assert self.states is not None
         order = np.repeat(np.arange(self.orders.size), at.size // self.orders.size)
-        forces = self.states.on_hub(self.place) @ self._parts.transpose(1, 2, 0)
-        each = gain.reshape(len(gain), -1).T[:, None, :]
-        found = np.sum(self.states.extremes(at, forces[order]) * each, axis=-1)
+        forces = self.states.on_hub(self.place) @ self._parts.transpose(0, 2, 3, 1)
+        each = gain.reshape(2, len(self._each_part), -1).transpose(0, 2, 1)
+        ways = [
+            self.states.extremes(at, of_way[order]) * factor[:, None, :]
+            for of_way, factor in zip(forces, each, strict=True)
+        ]
+        (least, other_least), (most, other_most) = zip(*ways, strict=True)
+        found = np.array([np.minimum(least, other_least), np.maximum(most, other_most)]).sum(
+            axis=-1
+        )
         speed = 2.0 * np.pi * at / self.orders[order]
         return np.asarray(found * speed[:, None] ** 2)
 
@@ -429,11 +443,15 @@ class WheelOnCraft:
         return self._amplitudes_with(self._gain_on_grid.value)
 
     def _amplitudes_with(self, gains: np.ndarray) -> np.ndarray:
-        """Amplitudes over the grid [rad], (o, m, 2), with factors of the wheel's modes (p, o, m)."""
-        by = line_of_sight_transfer(self.scenario, self.grid, self.place)
+        """Amplitudes over the grid [rad], (o, m, 2), with factors of the wheel's modes (2, p, o, m)."""
+        by = np.nan_to_num(line_of_sight_transfer(self.scenario, self.grid, self.place))
         found = np.zeros((self.orders.size, self.grid.size, 2))
-        for part, gain in zip(self._parts, gains, strict=True):
-            found += np.abs(np.einsum("mkc,oc->omk", np.nan_to_num(by), part)) * gain[:, :, None]
+        for part in range(len(self._each_part)):
+            ways = [
+                np.abs(np.einsum("mkc,oc->omk", by, of_way[part])) * gain[part, :, :, None]
+                for of_way, gain in zip(self._parts, gains, strict=True)
+            ]
+            found += np.maximum(*ways)
         speed = 2.0 * np.pi * self.grid / self.orders[:, None]
         return np.asarray(found * speed[:, :, None] ** 2)
 
