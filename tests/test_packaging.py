@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from support.tiers import at_a_release
 
 from microvib.errors import missing_library
 
@@ -130,12 +131,12 @@ def test_a_module_that_no_installation_brings_is_a_bug(module):
 @pytest.mark.parametrize(
     ("missing", "extra", "words"),
     [
-        ("starlette", "serve", ["serve", "--no-browser"]),
+        at_a_release("starlette", "serve", ["serve", "--no-browser"]),
         ("fastapi", "serve", ["serve", "--no-browser"]),
-        ("uvicorn", "serve", ["serve", "--no-browser"]),
-        ("typst", "report", ["run", "state-1", "--pdf", "--out", "x"]),
+        at_a_release("uvicorn", "serve", ["serve", "--no-browser"]),
+        at_a_release("typst", "report", ["run", "state-1", "--pdf", "--out", "x"]),
         ("pyfe3d", "fem", ["modes", "reference-array"]),
-        (
+        at_a_release(
             "pyyeti",
             "fem",
             ["modes", "model.op4", "--units", "SI", "--interface", "0,0,0", "--drive-axis", "z"],

@@ -239,8 +239,8 @@ def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, change
         random_scenario(
             30
         ),  # friction that falls with the rate: smooth slip, and an oscillation that sticks
-        heavy_scenario(327),
-        heavy_scenario(436),
+        at_a_release(heavy_scenario(327)),
+        at_a_release(heavy_scenario(436)),
         scenario_of_any_kind(36),  # slips that vary repeat after seven periods of the command
     ],
 )
@@ -444,8 +444,8 @@ def test_a_deviation_that_is_as_linear_as_a_small_one_is_not_waited_for(name):
     "scenario",
     [
         heavy_scenario(9),
-        heavy_scenario(16),
-        heavy_scenario(36),
+        at_a_release(heavy_scenario(16)),
+        at_a_release(heavy_scenario(36)),
         scenario_of_any_kind(
             170
         ),  # on its way to slips that repeat after five periods it is linear for one of them
