@@ -362,6 +362,22 @@ def test_a_load_in_which_an_order_is_always_beside_another_is_bounded() -> None:
     assert 1e-7 <= bound_coefficient(one, 2.01, np.ones(SPEEDS.size)) <= 1.2e-7
 
 
+def test_an_interval_holds_the_coefficient_at_any_speed() -> None:
+    """A coefficient that goes up and down by 30 % over the speed is no less known than it is constant."""
+    one = power_map(KnownWheel(mains=0.0), "radial_force", 1)
+    quiet = np.median(one.power)
+    ripple = 1.0 + 0.3 * np.sin(2.0 * np.pi * SPEEDS / (RPM * 700.0))
+    power = quiet + np.maximum(one.power - quiet, 0.0) * ripple[:, None] ** 2
+    found = {}
+    for name, given in (("constant", one), ("rippling", replace(one, power=power))):
+        reading = read_order(given, 1.0, ())
+        found[name] = fit_coefficient(reading, np.ones(reading.speed.size))
+    value = found["constant"].value
+    assert found["constant"].most < 1.1 * value
+    assert found["rippling"].most >= 1.3 * value
+    assert found["rippling"].least <= 0.7 * value
+
+
 @pytest.mark.parametrize("second", [1.0, 0.7, 0.0])
 def test_the_interval_of_a_radial_load_holds_either_axis(second: float) -> None:
     """A load that does not go round in a circle is larger along one axis than its mean square says."""

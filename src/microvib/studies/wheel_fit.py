@@ -179,7 +179,7 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
 
     Weighted least squares of powers over the fourth power of the speed, with Huber's weights; the
     interval is that of the residuals (sandwich estimate), by Student's t of the effective number of
-    speeds.
+    speeds, and of the scatter over speeds beyond noise: it is to hold the coefficient at any of them.
     """
     from scipy.stats import t as student
 
@@ -190,7 +190,7 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
         return Coefficient(0.0, 0.0, np.inf, int(used.sum()), near_modes)
     x = 0.5 * (reading.speed[used] ** 2 * factor[used]) ** 2
     y, noise = reading.power[used], reading.noise[used]
-    q, w = _robust_ratio(x, y, noise)
+    q, w, scatter = _robust_ratio(x, y, noise)
     weight = w * x**2
     count = float(weight.sum() ** 2 / np.sum(weight**2))
     leverage = np.minimum(weight / weight.sum(), 0.9)
@@ -199,6 +199,7 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
     error = max(error, by_noise)
     freedom = max(count - 1.0, 1.0)
     reach = float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * error
+    reach = math.hypot(reach, _TWO_SIDED * scatter * q)
     value, most = np.sqrt(max(q, 0.0)), np.sqrt(max(q, 0.0) + reach)
     if q <= float(student.ppf(_DETECTED, freedom)) * error:
         return Coefficient(0.0, 0.0, float(most), int(used.sum()), near_modes)
@@ -229,13 +230,15 @@ def bound_coefficient(one: PowerMap, order: float, factor: np.ndarray) -> float:
     return float(each[min(2, each.size - 1)])  # of those at all speeds, one that noise did not make
 
 
-def _robust_ratio(x: np.ndarray, y: np.ndarray, noise: np.ndarray) -> tuple[float, np.ndarray]:
+def _robust_ratio(
+    x: np.ndarray, y: np.ndarray, noise: np.ndarray
+) -> tuple[float, np.ndarray, float]:
     """Ratio of ``y`` to ``x`` (n,), and the weights of it: noise, scatter of the ratio and Huber's
-    weights of what lies far off.
+    weights of what lies far off; and that scatter without noise, over the ratio.
     """
     q = max(float(np.sum(x * y / noise**2) / np.sum((x / noise) ** 2)), 0.0)
     w = 1.0 / noise**2
-    scatter = 0.02
+    scatter, own_scatter = 0.02, 0.0
     for _ in range(_ITERATIONS):
         variance = noise**2 + (scatter * q * x) ** 2
         strong = q * x > _KNOWN * noise
@@ -243,10 +246,12 @@ def _robust_ratio(x: np.ndarray, y: np.ndarray, noise: np.ndarray) -> tuple[floa
             off = (y[strong] - q * x[strong]) / (q * x[strong])
             own = 1.4826 * float(np.median(np.abs(off - np.median(off))))
             scatter = max(own, 0.005)
+            by_noise = float(np.median(noise[strong] / (q * x[strong])))
+            own_scatter = math.sqrt(max(own**2 - by_noise**2, 0.0))
         away = np.abs(y - q * x) / np.sqrt(variance)
         w = np.minimum(1.0, 2.5 / np.maximum(away, 1e-12)) / variance
         q = max(float(np.sum(w * x * y) / np.sum(w * x**2)), 0.0)
-    return float(np.sum(w * x * y) / np.sum(w * x**2)), w
+    return float(np.sum(w * x * y) / np.sum(w * x**2)), w, own_scatter
 
 
 # ---- Modes ----
