@@ -21,6 +21,8 @@ from support.scenarios import baseline
 import microvib as mv
 
 LONG = re.compile(r"pytest\.mark\.long|^pytestmark = PAGE", re.M)
+GROUPS = {"": "not long and not release", "long": "long and not release"}
+"""What a bare command and ``-m long`` run: a test of a long file that is marked ``release`` waits for a release."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -30,8 +32,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ.pop("COLUMNS", None)  # workers of xdist have it; tables are as wide as in a pipe
-    if config.args_source is not config.ArgsSource.ARGS and not config.option.markexpr:
-        config.option.markexpr = "not long and not release"
+    if config.args_source is not config.ArgsSource.ARGS or config.option.markexpr:
+        config.option.markexpr = GROUPS.get(config.option.markexpr, config.option.markexpr)
 
 
 def pytest_unconfigure() -> None:
@@ -40,7 +42,7 @@ def pytest_unconfigure() -> None:
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """With ``-m long`` the files without such tests are not imported, which takes as long as many of the tests."""
-    if config.option.markexpr != "long" or collection_path.suffix != ".py":
+    if config.option.markexpr != GROUPS["long"] or collection_path.suffix != ".py":
         return None
     return None if LONG.search(collection_path.read_text(encoding="utf-8")) else True
 

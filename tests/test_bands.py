@@ -314,6 +314,7 @@ def test_a_run_whose_lines_are_not_judged_passes_no_band(state_1):
     assert (wide.verdict == "pass") == (not lines.gaps)
 
 
+@pytest.mark.release
 def test_a_report_that_is_made_again_has_its_bands_again(tmp_path):
     short = ["record.settle=2 s", "record.duration=4 s"]
     (tmp_path / "bands.csv").write_text("low_hz,high_hz,limit_mn_m\n20,80,70\n80,150,0.1\n")

@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from support import craft as whole
 from support.craft_scenarios import scenario_of
+from support.tiers import at_a_release, sweep
 
 import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
@@ -187,13 +188,13 @@ def _of_phases(
 
 
 @pytest.mark.parametrize("window", [None, 0.3])
-@pytest.mark.parametrize("part", [0.5, 0.68, 0.95, 0.997])
+@pytest.mark.parametrize("part", sweep([0.5, 0.68, 0.95, 0.997], 0.68, 0.997))
 @pytest.mark.parametrize(
     ("orders", "A"),
     [
-        ((1, 2), (1.0, 0.7)),
+        at_a_release((1, 2), (1.0, 0.7)),
         ((1, 3, 5), (1.0, 1 / 3, 0.2)),
-        ((1, 3), (1.0, 0.15)),
+        at_a_release((1, 3), (1.0, 0.15)),
         ((1, 2, 3, 4, 5, 6), (1.0,) * 6),
     ],
 )
@@ -363,7 +364,7 @@ _SCHROEDER = np.exp(-1j * np.pi * np.arange(1, 11) * np.arange(10) / 10)
     ],
     ids=["octave", "beat", "slower beat", "ten"],
 )
-@pytest.mark.parametrize("part", [0.95, 0.997])
+@pytest.mark.parametrize("part", sweep([0.95, 0.997], 0.997))
 def test_lines_of_one_clock_that_are_no_harmonics_drift(
     f: np.ndarray, tones: np.ndarray, part: float
 ) -> None:
@@ -614,6 +615,7 @@ def test_two_wheels_may_have_one_speed() -> None:
     assert assess(requirement(axis="x"), both, "rss").most >= 1.8 * URAD / math.sqrt(2.0)
 
 
+@pytest.mark.release
 def test_a_wheel_that_passes_a_narrow_mode_is_judged_at_its_resonance() -> None:
     """Between two of a hundred speeds a mode of 0.3 % rises to its peak and falls again."""
     craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 0.003)))
@@ -834,16 +836,33 @@ def _two_wings() -> tuple[mv.Scenario, mv.Scenario]:
     )
 
 
+def _limits(*statistics: str) -> list[Requirement]:
+    """Requirements that any motion passes, and as many that any fails."""
+    found = []
+    for limit in ("1 mrad", "1 prad"):
+        curve = [{"frequency": f, "amplitude": limit} for f in ("1 Hz", "900 Hz")]
+        found += [
+            *(requirement(limit=limit, statistic=x) for x in statistics),
+            Requirement(curve=curve),
+        ]
+    return found
+
+
+def test_two_wings_as_two_scenarios_are_not_judged_where_one_does_not_carry_the_other() -> None:
+    """The hub moves in another way: neither pass nor fail."""
+    here, there = _two_wings()
+    asked = Requirements(requirements=tuple(_limits("rms")))
+    half = pointing_budget([_carrying(here, there), there], asked, one_clock=True)
+    assert {x.verdict for x in half.judged} == {"not judged"}
+    for x in half.judged:
+        assert x.why[0].startswith("drive 2: the hub is without the array of drive")
+
+
+@pytest.mark.release
 def test_two_wings_as_two_scenarios_are_judged_only_where_each_carries_the_other() -> None:
     """Without the other's array the hub moves in another way: neither pass nor fail; with it, as two wings of one scenario."""
     here, there = _two_wings()
-    each_limit = []
-    for limit in ("1 mrad", "1 prad"):
-        curve = [{"frequency": f, "amplitude": limit} for f in ("1 Hz", "900 Hz")]
-        each_limit += [
-            *(requirement(limit=limit, statistic=x) for x in ("rms", "level", "bound")),
-            Requirement(curve=curve),
-        ]
+    each_limit = _limits("rms", "level", "bound")
     asked, verdicts = Requirements(requirements=tuple(each_limit)), ["pass"] * 4 + ["fail"] * 4
     one = pointing_budget([here, there], asked, one_clock=True)
     half = pointing_budget([_carrying(here, there), there], asked, one_clock=True)
@@ -1137,8 +1156,8 @@ def test_pictures_name_limits_and_sum_lines_where_they_are() -> None:
     "one",
     [
         source("a", (10.0, 0.0, 0.0)),
-        source("a"),
-        source("a", (10.0, 1.0, 1.0), rings=np.array([True])),
+        at_a_release(source("a")),
+        at_a_release(source("a", (10.0, 1.0, 1.0), rings=np.array([True]))),
         source("a", density=(np.array([0.0, 10.0]), np.zeros((2, 2)))),
     ],
     ids=["zero", "none", "ringing", "density"],
@@ -1268,7 +1287,8 @@ class _Frequencies:
         ))  # fmt: skip
 
 
-def test_other_sources_of_a_case_are_on_the_craft_of_the_case(tmp_path: Path) -> None:
+@pytest.mark.parametrize("given", sweep(["lines", "density"], "lines"))
+def test_other_sources_of_a_case_are_on_the_craft_of_the_case(tmp_path: Path, given: str) -> None:
     """A line beside a mode that scatters: of each case what the response of its own craft makes of it."""
     scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml")
     (tmp_path / "lines.csv").write_text("frequency_hz,my_n_m\n1.25,0.01\n")
@@ -1286,19 +1306,20 @@ def test_other_sources_of_a_case_are_on_the_craft_of_the_case(tmp_path: Path) ->
         by = np.abs(line_of_sight_transfer(craft, grid, place)[:, 1, 4]) ** 2
         return float(np.trapezoid(by, grid)) * 1e-3
 
-    for given, expected in (
-        ({"lines": "lines.csv"}, [line_of_sight(one) / math.sqrt(2.0) for one in crafts]),
-        ({"density": "density.csv"}, [math.sqrt(mean_square(one)) for one in crafts]),
-    ):
-        other = OtherSource(name="cooler", position=["0 m", "0 m", "0 m"], **given)
-        nominal = [contribution_of_other(other, scenario, files)]
-        beside = with_craft_of_cases(nominal, [other], files, results)
-        r = requirement(axis="y", percentile="80 percent")
-        found = assess(r, [drive, *beside], "rss")
-        assert found.spread is not None
-        assert found.spread[0].value == pytest.approx(np.quantile(expected, 0.5), rel=0.02)
-        assert found.value == pytest.approx(np.quantile(expected, 0.8), rel=0.02)
-        assert found.value > 1.2 * assess(requirement(axis="y"), [drive, *nominal], "rss").value
+    rms = {
+        "lines": lambda craft: line_of_sight(craft) / math.sqrt(2.0),
+        "density": lambda craft: math.sqrt(mean_square(craft)),
+    }[given]
+    expected = [rms(one) for one in crafts]
+    other = OtherSource(name="cooler", position=["0 m", "0 m", "0 m"], **{given: f"{given}.csv"})
+    nominal = [contribution_of_other(other, scenario, files)]
+    beside = with_craft_of_cases(nominal, [other], files, results)
+    r = requirement(axis="y", percentile="80 percent")
+    found = assess(r, [drive, *beside], "rss")
+    assert found.spread is not None
+    assert found.spread[0].value == pytest.approx(np.quantile(expected, 0.5), rel=0.02)
+    assert found.value == pytest.approx(np.quantile(expected, 0.8), rel=0.02)
+    assert found.value > 1.2 * assess(requirement(axis="y"), [drive, *nominal], "rss").value
 
 
 def test_another_drive_that_was_run_on_the_nominal_craft_has_no_percentile() -> None:
@@ -1536,6 +1557,7 @@ def test_what_can_be_refused_is_refused_before_anything_runs(
         )
 
 
+@pytest.mark.release  # every time: that no speed of a range is above what was found
 def test_a_range_of_speeds_counts_with_its_worst() -> None:
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2))
     wheel = {
@@ -1575,16 +1597,13 @@ _ASKED: list[dict[str, object]] = [
 
 
 _SWEEPS = [(k, detent) for k in range(len(_ASKED)) for detent in (0.0, 0.0018)]
+_WIDE, _NARROW, _WINDOW, _CURVE = 0, 1, 5, 8
+_ALWAYS = {(_WIDE, 0.0018), (_NARROW, 0.0), (_WINDOW, 0.0), (_CURVE, 0.0018)}
+"""A band, one so narrow that speeds step over it, a window, and a curve; with side lines and without."""
 
 
 @pytest.mark.parametrize(
-    ("k", "detent"),  # each requirement with one of the drives; with the other at a release
-    [
-        pytest.param(
-            k, detent, marks=pytest.mark.release if (k % 2 == 0) == (detent == 0.0) else ()
-        )
-        for k, detent in _SWEEPS
-    ],
+    ("k", "detent"), [one if one in _ALWAYS else at_a_release(*one) for one in _SWEEPS]
 )
 def test_no_speed_of_a_range_is_above_what_was_found(k: int, detent: float) -> None:
     """Against 8000 speeds, those at which orders pass ends of bands and points of curves among them: ends of bands, notches,
@@ -1804,10 +1823,10 @@ def test_the_recording_of_a_force_table_goes_the_short_way() -> None:
 @pytest.mark.parametrize(
     ("names", "factor", "says"),
     [
-        (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 1e-3, "labelled as mN"),
+        at_a_release(("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 1e-3, "labelled as mN"),
         (("Mz",), 1e-3, "labelled as mN"),
-        (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 1e3, "taken for N"),
-        (("Mx", "My", "Mz"), 8.8507, "lbf*in taken for N*m"),
+        at_a_release(("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 1e3, "taken for N"),
+        at_a_release(("Mx", "My", "Mz"), 8.8507, "lbf*in taken for N*m"),
         (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 30.0, "check units"),
         (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), 1.5, ""),
     ],
@@ -1852,7 +1871,9 @@ def test_an_axis_without_rows_of_the_line_of_sight_is_not_judged() -> None:
     assert "rows has no sensitivity of y" in found[1].why[0]
 
 
-@pytest.mark.parametrize(("lowest", "highest"), [(15.0, 18.0), (12.0, 15.0), (1.0, 500.0)])
+@pytest.mark.parametrize(
+    ("lowest", "highest"), [(15.0, 18.0), at_a_release(12.0, 15.0), at_a_release(1.0, 500.0)]
+)
 def test_what_the_short_way_misses_is_doubted(lowest: float, highest: float) -> None:
     """A light hub under full-step lines, which the detent torque makes: the coupled run's figure is between least and most."""
     full = whole.FullCraft(damping=np.full(4, 0.05), bandwidth=0.3, hub_scale=0.05, detent=0.05)
@@ -1881,7 +1902,9 @@ def test_what_the_short_way_misses_is_doubted(lowest: float, highest: float) -> 
         assert abs(found.value / wanted.value - 1.0) > BLOCKED_LOAD_UNCERTAINTY
 
 
-@pytest.mark.parametrize(("channel", "noise"), [("Mz", 0.3), ("Mx", 3.0), ("Fx", 30.0)])
+@pytest.mark.parametrize(
+    ("channel", "noise"), [at_a_release("Mz", 0.3), ("Mx", 3.0), at_a_release("Fx", 30.0)]
+)
 def test_noise_of_any_channel_of_a_recording_is_in_doubt(channel: str, noise: float) -> None:
     """Where it hides lines of one channel the others tell of them, and where it makes lines of its own they decide nothing."""
     scenario = scenario_of(
@@ -1906,7 +1929,7 @@ def test_noise_of_any_channel_of_a_recording_is_in_doubt(channel: str, noise: fl
         assert found.least <= true.value <= found.most
 
 
-@pytest.mark.parametrize("order", [25, 40, 41])
+@pytest.mark.parametrize("order", sweep([25, 40, 41], 41))
 def test_an_order_that_is_not_listed_and_that_a_floor_hides_keeps_it_from_passing(
     order: int,
 ) -> None:
@@ -1937,7 +1960,7 @@ def test_an_order_that_is_not_listed_and_that_a_floor_hides_keeps_it_from_passin
     assert high.verdict == "pass"
 
 
-@pytest.mark.parametrize("band", [{}, {"highest": "0.25 Hz"}, {"lowest": "0.1 Hz"}])
+@pytest.mark.parametrize("band", sweep([{}, {"highest": "0.25 Hz"}, {"lowest": "0.1 Hz"}], {}))
 def test_what_is_too_slow_for_a_recording_keeps_it_from_passing(band: dict[str, str]) -> None:
     """A tone of 0.2 Hz in a record of 16 s, which no line and no band accounts for."""
     scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml")
@@ -2017,7 +2040,7 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
         ensemble_of(scenario.with_si({"tracking.rate": 1e-3}), tmp_path / "c")
 
 
-@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.997])
+@pytest.mark.parametrize("confidence", sweep([0.5, 0.9, 0.997], 0.9))
 @pytest.mark.parametrize(("metric", "axis"), [("ape", "x"), ("rpe", "radial"), ("smear", "y")])
 def test_crests_and_mean_square_say_of_a_level_what_the_level_says(
     metric: str, axis: str, confidence: float
@@ -2235,7 +2258,7 @@ def test_a_budget_says_for_which_angle_it_holds_and_judges_the_worst() -> None:
     )
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_a_budget_over_an_orbit_is_that_of_its_worst_angle() -> None:
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.start": "steady"})
     r = Requirements(
@@ -2300,12 +2323,21 @@ def _levels_in_windows(
     return [float(x[order[np.searchsorted(passed, part * passed[-1])]]) for part in parts]
 
 
-@pytest.mark.parametrize("metric", ["rpe", "smear", "jitter"])
+_ONE, _SEVERAL = ((9.0,), (1.0,)), ((6.0, 12.0, 18.0), (1.0, 0.6j, -0.4))
+_IN_WINDOWS = [("rpe", *_ONE), ("jitter", *_SEVERAL)]
+_IN_OTHER_WINDOWS = [
+    ("rpe", *_SEVERAL),
+    ("smear", *_ONE),
+    ("smear", *_SEVERAL),
+    ("jitter", *_ONE),
+] + [(metric, (1.0,), (1.0,)) for metric in ("rpe", "smear", "jitter")]
+
+
 @pytest.mark.parametrize(
-    ("f", "A"), [((1.0,), (1.0,)), ((9.0,), (1.0,)), ((6.0, 12.0, 18.0), (1.0, 0.6j, -0.4))]
+    ("metric", "f", "A"), [*_IN_WINDOWS, *(at_a_release(*one) for one in _IN_OTHER_WINDOWS)]
 )
 def test_a_high_level_in_windows_counts_their_ends(
-    f: tuple[float, ...], A: tuple[complex, ...], metric: str
+    metric: str, f: tuple[float, ...], A: tuple[complex, ...]
 ) -> None:
     """What moves about a mean or a line is largest at the ends of a window, which decide how far it goes one time in a thousand."""
     tones = [(x, a, 0.0) for x, a in zip(f, A, strict=True)]
@@ -2329,7 +2361,7 @@ def test_a_high_level_in_windows_counts_their_ends(
         assert assess(tight, [source("a", *tones, clock="own")], "rss").verdict != "pass"
 
 
-@pytest.mark.parametrize("carrying", [False, True])
+@pytest.mark.parametrize("carrying", sweep([False, True], True))
 def test_three_arrays_are_not_judged_and_the_sentence_says_what_to_do(carrying: bool) -> None:
     """Whether or not each craft carries one of the others: it cannot carry both, and is not asked to."""
     here, there = _two_wings()

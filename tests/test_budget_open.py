@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from scipy.stats import norm
 from support import craft as whole
 from support.craft_scenarios import scenario_of
+from support.tiers import sweep
 
 from microvib.io.file_access import FileAccess
 from microvib.io.scenario_file import load_scenario
@@ -313,7 +314,8 @@ def test_states_of_drives_count_on_the_craft_of_each_case(tmp_path: Path) -> Non
 # ---- Correlation ----
 
 
-def test_loads_of_a_density_may_be_of_one_cause(tmp_path: Path) -> None:
+@pytest.mark.parametrize("axis", sweep("xy", "x"))
+def test_loads_of_a_density_may_be_of_one_cause(tmp_path: Path, axis: str) -> None:
     """A force 1 m above the origin, given as force and moment: both add as amplitudes or cancel, and the truth is between."""
     craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 0.01)))
     (tmp_path / "force.csv").write_text("frequency_hz,fx_n2_hz\n20,1e-4\n40,1e-4\n")
@@ -326,15 +328,14 @@ def test_loads_of_a_density_may_be_of_one_cause(tmp_path: Path) -> None:
         other = OtherSource(name="n", density=table, position=place)
         return contribution_of_other(other, craft, FileAccess(tmp_path))
 
-    for axis in "xy":
-        r = requirement(axis=axis)
-        truth = assess(r, [given("force.csv", 1.0)], "rss")
-        below = assess(r, [given("force.csv", -1.0)], "rss")  # the moment the other way round
-        found = assess(r, [given("both.csv", 0.0)], "rss")
-        assert truth.least == pytest.approx(truth.most)  # of one load there is no question
-        for one in (truth.value, below.value):
-            assert found.least * (1.0 - 1e-6) <= one <= found.most * (1.0 + 1e-6)
-        assert found.most == pytest.approx(max(truth.value, below.value), rel=0.3)
-        assert found.value == pytest.approx(
-            math.sqrt(0.5 * (truth.value**2 + below.value**2)), rel=1e-3
-        )
+    r = requirement(axis=axis)
+    truth = assess(r, [given("force.csv", 1.0)], "rss")
+    below = assess(r, [given("force.csv", -1.0)], "rss")  # the moment the other way round
+    found = assess(r, [given("both.csv", 0.0)], "rss")
+    assert truth.least == pytest.approx(truth.most)  # of one load there is no question
+    for one in (truth.value, below.value):
+        assert found.least * (1.0 - 1e-6) <= one <= found.most * (1.0 + 1e-6)
+    assert found.most == pytest.approx(max(truth.value, below.value), rel=0.3)
+    assert found.value == pytest.approx(
+        math.sqrt(0.5 * (truth.value**2 + below.value**2)), rel=1e-3
+    )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.run import RunResult
@@ -115,7 +116,7 @@ def run(scenario: mv.Scenario, request: pytest.FixtureRequest) -> RunResult:
     return mv.run_scenario(scenario.with_(changes))
 
 
-@pytest.mark.parametrize("name", ["pointing.csv", "loads.csv"])
+@pytest.mark.parametrize("name", sweep(["pointing.csv", "loads.csv"], "loads.csv"))
 def test_tables_of_a_run_say_what_it_did_not_look_at(
     tmp_path: Path, scenario: mv.Scenario, run: RunResult, name: str
 ) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
+from typing import Any
 
 import pytest
 from support.commands import SHORT, microvib
-from support.pages import AT_A_RELEASE
+from support.pages import AT_A_RELEASE, LINES_AT_A_RELEASE
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -159,10 +160,17 @@ def words_of(line: str) -> tuple[list[str], str]:
     return words + (entry(SHORTER, line) or []), into
 
 
+def group(page: str) -> Any:
+    """Marks of a page: README's lines run every time."""
+    if page == "README.md":
+        return ()
+    return pytest.mark.release if page in LINES_AT_A_RELEASE else pytest.mark.long
+
+
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=() if page == "README.md" else pytest.mark.long)
+        pytest.param(page, marks=group(page))
         for page in PAGES
         if lines_of(page) and page not in RUN_ELSEWHERE
     ],

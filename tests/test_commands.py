@@ -286,7 +286,7 @@ def test_every_command_in_a_narrow_terminal_says_what_a_pipe_gets(copied, tmp_pa
     checked(DONE, copied, tmp_path)
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_long_commands_too(copied, tmp_path):
     checked(LONG, copied, tmp_path)
 

@@ -27,6 +27,7 @@ from support.craft_scenarios import (
     seen,
     six,
 )
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
@@ -108,7 +109,7 @@ def test_lines_of_the_clock_take_the_whole_damping_matrix(full: whole.FullCraft)
             assert loads == pytest.approx(np.vstack([on_centre[:3], moment]), rel=1e-8, abs=1e-9)
 
 
-@pytest.mark.parametrize("case", DAMPED)
+@pytest.mark.parametrize("case", sweep(DAMPED, "all", "critical"))
 def test_lines_where_damping_couples_the_modes_are_those_of_the_whole_system(case: str) -> None:
     """Loads, motions and shafts at instants over a full step, and their lines in it: of the drive and of full steps."""
     full = DAMPED[case]

@@ -179,6 +179,7 @@ def test_densities_add_up_to_what_they_are_of(motion: Motion) -> None:
     assert square == pytest.approx(0.5 * lines.amplitude[k, 0] ** 2, rel=0.02)
 
 
+@pytest.mark.release
 def test_a_folder_of_a_craft_may_be_written_again(tmp_path: Path) -> None:
     out = tmp_path / "run"
     call = [

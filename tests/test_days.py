@@ -12,13 +12,8 @@ def plain(text: str) -> str:
     return " ".join(text.split())
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param("docs/howto/test-day.md", marks=pytest.mark.long),
-        pytest.param("docs/howto/systems-evening.md", marks=pytest.mark.release),
-    ],
-)
+@pytest.mark.release
+@pytest.mark.parametrize("page", ["docs/howto/test-day.md", "docs/howto/systems-evening.md"])
 def test_every_command_says_what_is_quoted(page, tmp_path):
     begun(page, tmp_path)
     printed = list(blocks(page))

@@ -74,7 +74,7 @@ def built(out: Path, not_executed: tuple[str, ...]) -> Path:
 @pytest.mark.parametrize(
     "not_executed",
     [
-        pytest.param(AT_A_RELEASE, marks=pytest.mark.long, id="without the longest cells"),
+        pytest.param(AT_A_RELEASE, marks=pytest.mark.long, id="without most cells"),
         pytest.param((), marks=pytest.mark.release, id="whole"),
     ],
 )

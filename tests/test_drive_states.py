@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.io.file_access import FileAccess
@@ -271,7 +272,7 @@ STUCK = {**DRY, "breakaway": "1.2 N*m"}
         ({"friction": STUCK, "tracking.rate": "0 deg/s"}, "not judged"),  # parked
     ],
 )
-@pytest.mark.parametrize("what", ["line", "wheel", "range", "density"])
+@pytest.mark.parametrize("what", sweep(["line", "wheel", "range", "density"], "line", "density"))
 def test_a_drive_that_sticks_holds_its_array_as_a_rigid_joint_does(
     what: str, motion: dict[str, object], verdict: str, one_wing: mv.Scenario, tmp_path: Path
 ) -> None:
@@ -369,7 +370,7 @@ ERRORS: dict[str, tuple[dict[str, object], float, float]] = {
 }
 
 
-@pytest.mark.parametrize("which", ERRORS)
+@pytest.mark.parametrize("which", sweep(ERRORS, "gain_b"))
 @pytest.mark.parametrize("drive", ["held", "parked", "running"])
 def test_errors_of_a_driver_are_springs_over_the_electrical_angle(
     which: str, drive: str, one_wing: mv.Scenario

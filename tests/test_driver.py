@@ -646,7 +646,7 @@ def test_without_the_time_before_a_recording_offsets_have_no_signs(late):
     assert len(others.texts()) == 3
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_offsets_are_identified_with_their_signs():
     errors = {"offset_a": 0.006, "offset_b": -0.004}
     found = estimates(errors, seed=7, starts=4, finishes=1)

@@ -237,6 +237,7 @@ def many(count, size=0.01):
     ]
 
 
+@pytest.mark.release
 def test_a_percentile_is_judged_from_59_members_on():
     limit = mv.Limit("15 mN*m", "5 Hz", "100 Hz")
     few = mv.envelope(many(58), statistics=["p95"], limit=limit)
@@ -594,7 +595,7 @@ def test_an_interrupt_leaves_nothing(tmp_path, monkeypatch):
     assert seen == [(0, 2), (1, 2), (2, 2)]
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_the_how_to_runs_as_it_stands(tmp_path, monkeypatch):
     """Its commands, in order, give the sentence that it quotes, and its Python the verdict."""
     monkeypatch.chdir(tmp_path)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.spectra import psd
@@ -166,7 +167,7 @@ SECOND = {
 }
 
 
-@pytest.mark.parametrize("kind", ["held", "driven"])
+@pytest.mark.parametrize("kind", sweep(["held", "driven"], "driven"))
 def test_loads_of_a_second_wing_act_at_a_grid_point_of_their_own(kind: str, tmp_path: Path) -> None:
     changes = {"spacecraft.second_wing": SECOND | {"drive": kind}, "record.duration": "2 s"}
     subject = subject_of(mv.run_scenario(mv.load_scenario(CRAFT).with_(changes)))

@@ -76,6 +76,7 @@ def _off(changes: dict[str, object], line: str) -> float:
     )
 
 
+@pytest.mark.release
 def test_what_is_left_is_the_detent_torque() -> None:
     """Which makes of a motion at one line a torque beside it: without it driving lines agree, and without
     dry friction small full-step lines are as far off as with it.

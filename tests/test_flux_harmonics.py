@@ -9,6 +9,7 @@ from support import rodas4
 from support.phases import Phases
 from support.scenarios import NO_FRICTION, baseline
 from support.stopped import rows_at
+from support.tiers import at_a_release, sweep
 
 import microvib as mv
 from microvib.model.expected import distance_to_clock_line
@@ -68,8 +69,8 @@ def drawn(phases, seed):
     }
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.release)])
-@pytest.mark.parametrize("phases", [2, 3, pytest.param(5, marks=pytest.mark.release)])
+@pytest.mark.parametrize("seed", sweep([1, 2], 1))
+@pytest.mark.parametrize("phases", sweep([2, 3, 5], 3))
 def test_lines_are_those_of_windings_integrated_phase_by_phase(phases, seed):
     scenario = baseline().with_si(drawn(phases, seed))
     turn = 2 * math.pi / (scenario.motor.rotor_teeth * scenario.reducer.ratio * abs(scenario.rate))
@@ -101,7 +102,7 @@ def test_with_voltages_too_two_axes_move_as_the_phases_do(phases, orders, connec
     assert np.max(np.abs(found - expected) / np.max(np.abs(expected), axis=0)) < 2e-6
 
 
-@pytest.mark.parametrize(("phases", "orders"), [(3, (3, 9, 15)), (5, (3, 5, 7, 13))])
+@pytest.mark.parametrize(("phases", "orders"), [(3, (3, 9, 15)), at_a_release(5, (3, 5, 7, 13))])
 def test_what_no_current_of_the_two_axes_meets_makes_no_torque(phases, orders):
     """Zero sequence and the second plane of five phases: to the last bit here, in a star by its own currents."""
     plain = baseline().with_si({**SMOOTH, **motor_of(phases, ())})

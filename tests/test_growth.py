@@ -87,6 +87,7 @@ def test_a_rate_plan_looks_at_parametric_resonances():
         assert any(band.low <= rate <= band.high for band in plan.forbidden)
 
 
+@pytest.mark.release
 def test_a_rate_plan_refines_where_a_bent_resonance_comes_near_the_limit():
     plan = plan_rates(
         drawn(BENT),

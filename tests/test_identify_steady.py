@@ -54,6 +54,7 @@ def posed(scenario: mv.Scenario, evidence: Evidence, keys: list[str] = KEYS) -> 
     return Problem(scenario, tests, fitted, trust)
 
 
+@pytest.mark.release
 def test_answers_are_those_of_runs(
     start: mv.Scenario, evidence: Evidence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,6 +98,7 @@ def test_where_no_steady_state_is_searched_runs_are(start: mv.Scenario, evidence
     assert posed(start, evidence, [*KEYS, "record.settle"]).steady() is None
 
 
+@pytest.mark.release
 def test_a_motion_of_another_kind_is_searched_for_by_runs(
     start: mv.Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -79,6 +79,7 @@ def test_a_chain_may_be_stated_as_flat():
     assert "declared to have a flat response" in told.notes[-1]
 
 
+@pytest.mark.release
 def test_no_frequency_is_fitted_along_where_the_scenario_has_it_right(made):
     """Amplitudes are wrong by 3 % where 0.4 % was stated: no fit explains them, and another frequency hardly helps."""
     scenario, evidence = made

@@ -60,9 +60,10 @@ def at(problem, values):
     return Optimum(x, r, cost(r))
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     "model_error",
-    [pytest.param(0.004, marks=pytest.mark.long), pytest.param(0.0004, marks=pytest.mark.release)],
+    [0.004, 0.0004],
 )
 def test_the_least_misfit_is_found_from_a_corner_whatever_error_is_stated(made, model_error):
     problem, truth = posed(made, model_error), made[1]

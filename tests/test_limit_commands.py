@@ -111,7 +111,8 @@ def test_what_is_no_curve_is_told_before_anything_is_computed(folder):
 @pytest.fixture(scope="module")
 def own_torque():
     """The torque of state 1 in its steady state, by a factor and with a little noise, as a recording."""
-    motion = mv.simulate("state-1", start="steady")
+    state = mv.load_scenario("state-1", {"record.duration": "4 s"})
+    motion = mv.simulate(state, start="steady")
     noise = np.random.default_rng(1).normal(0.0, 1e-6, motion["T_d"].size)
 
     def times(factor: float) -> Recording:

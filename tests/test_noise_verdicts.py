@@ -29,8 +29,8 @@ BANDS = {
     "a table": ({"table": [(4.0, 1e-5), (5.5, 1e-2), (8.0, 1e-5)]}, (4.0, 8.0)),
 }
 
-IN_CI = ("its upper edge", "on a mode")
-"""The others are between these in what makes a band hard: a response that is steep, and noise that ends within it."""
+IN_CI = ("its upper edge",)
+"""Where noise ends within the band; a response that is steep, and what is between them in what makes a band hard, at a release."""
 
 
 @pytest.fixture(scope="module")

@@ -306,6 +306,7 @@ def test_what_is_wrong_is_told_in_a_sentence(motion_1, mistake):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.release
 def test_a_shell_completes_keys_lines_channels_and_names(state_1, motion_1, table):
     from IPython.core.completer import provisionalcompleter
     from IPython.core.interactiveshell import InteractiveShell
@@ -340,7 +341,7 @@ mv.rate_grid(0.01, 0.1)
 """
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_types_are_seen_from_outside_and_tell_bare_numbers(tmp_path):
     (tmp_path / "outside.py").write_text(OUTSIDE)
     (tmp_path / "mypy.ini").write_text("[mypy]\nstrict = true\n")

@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from support import craft as whole
 from support.craft_scenarios import scenario_of
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.turning import hub_response
@@ -58,6 +59,7 @@ def test_between_runs_it_is_what_runs_there_say() -> None:
     )  # and straight lines between the runs would not do
 
 
+@pytest.mark.release
 def test_worst_and_rms_are_those_of_the_time() -> None:
     orbit = analyse_orbit(near_a_mode(), angles_in("30:120:30"))
     whole_orbit, size = orbit.windows[0], orbit.size("ape", 1.0)
@@ -128,7 +130,7 @@ class Turning:
         return np.array(found)
 
 
-@pytest.mark.parametrize("rate", [0.06, 0.12])
+@pytest.mark.parametrize("rate", sweep([0.06, 0.12], 0.06))
 def test_what_the_turning_changes_is_of_the_stated_size(rate: float) -> None:
     """A line that the third mode crosses; the hub's angles about x and y are the line of sight."""
     scenario, f = near_a_mode(), 3.485
@@ -149,6 +151,7 @@ def test_what_the_turning_changes_is_of_the_stated_size(rate: float) -> None:
     assert found.max() > 1e-3 * np.abs(wanted).max()
 
 
+@pytest.mark.release
 def test_a_mode_that_rings_too_long_does_not_allow_angles_one_by_one() -> None:
     orbit = analyse_orbit(near_a_mode(**{"array.modes.2.damping": 0.0005}), angles_in("60:120:20"))
     assert not orbit.quasi_static
@@ -273,7 +276,7 @@ SOURCES = {
 }
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", sweep(SOURCES, "wheel"))
 def test_an_orbit_looks_for_other_sources_between_its_angles(tmp_path: Path, source: str) -> None:
     """A mode that moves with the angle meets the source at 48.75 degrees, between those judged."""
     example = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
@@ -304,6 +307,7 @@ def test_an_orbit_looks_for_other_sources_between_its_angles(tmp_path: Path, sou
     assert there.value <= over.most
 
 
+@pytest.mark.release
 def test_an_orbit_of_a_recording_looks_where_the_recording_is_worst() -> None:
     """Recorded slower than the scenario says, full steps meet a mode at another angle, 50.4 degrees."""
     light = whole.FullCraft(bandwidth=0.02, damping=np.full(4, 5e-5))

@@ -134,6 +134,7 @@ def test_a_rate_at_which_a_piece_exceeds_the_limit_is_not_allowed(compensated):
     assert case.verdict(BAND, 0.060) == ""
 
 
+@pytest.mark.release
 def test_a_campaign_of_steady_states_asks_for_pieces(tmp_path, compensated):
     (tmp_path / "study.yaml").write_text(
         "title: t\nscenario: state-1\n"

@@ -342,6 +342,7 @@ def test_the_folder_has_what_a_driver_takes(found: QuietDrive) -> None:
     assert report is not None
 
 
+@pytest.mark.release
 def test_a_table_of_somebody_else_is_checked(drive: mv.Scenario, tmp_path: Path) -> None:
     (table,) = parse_levers(["table"], drive, TableLimits(bits=10))
     made = with_levers(drive, [table], Setting((table.guess,)))

@@ -393,6 +393,7 @@ def test_options_are_quantities():
         band("1:2 s")
 
 
+@pytest.mark.release
 def test_a_script_without_a_guard_is_told_so_and_one_worker_needs_none(tmp_path):
     script = tmp_path / "plan.py"
     script.write_text(

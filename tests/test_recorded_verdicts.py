@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.errors import OptionError
@@ -78,7 +79,7 @@ def test_a_slow_line_in_a_removed_trend_is_not_judged(order):
     assert judge_recording(prepared, Limit("10 mN*m", "2 Hz", "100 Hz")).verdict == "pass"
 
 
-@pytest.mark.parametrize("order", range(9))
+@pytest.mark.parametrize("order", sweep(range(9), 0, 1, 5))
 def test_what_a_trend_takes_of_a_line_is_as_stated(order):
     n = 20_000
     lost = Recording({"Mz": np.arange(float(n))}, RATE, {"Mz": "N*m"}).detrended(order).lost

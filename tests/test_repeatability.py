@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.cli.main import main
@@ -241,7 +242,7 @@ def judged(*runs: RecordedRun):
 @pytest.mark.parametrize(
     ("gains", "noise"), [(0.0, 2e-3), (1e-3, 2e-6), (0.3, 2e-3), ([0, 0, 0, 1, 1, 1], 2e-3)]
 )
-@pytest.mark.parametrize("others", [1, 2, 3])
+@pytest.mark.parametrize("others", sweep([1, 2, 3], 1))
 def test_a_test_is_not_passed_with_a_run_that_lacks_what_the_others_show(gains, noise, others):
     alike = [run(seed, "A") for seed in range(others)]
     odd = run(9, "A", gains=np.asarray(gains), noise=noise)

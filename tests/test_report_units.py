@@ -8,6 +8,7 @@ from pathlib import Path
 
 import matplotlib.text
 import pytest
+from support.tiers import at_a_release
 
 import microvib as mv
 from microvib.analysis.limits import Limit
@@ -136,15 +137,15 @@ def units(outcome: Outcome, of: re.Pattern[str]) -> set[str]:
 @pytest.mark.parametrize(
     ("made", "torque", "angle"),
     [
-        (run, {"mN m"}, set()),
+        at_a_release(run, {"mN m"}, set()),
         (run_of_craft, {"mN m"}, {"nrad"}),
-        (rates, {"mN m"}, set()),
+        at_a_release(rates, {"mN m"}, set()),
         (comparison, {"mN m"}, set()),
         (budget_in_arcsec, set(), {"arcsec"}),
-        (budget_in_nrad, set(), {"nrad"}),
-        (budget_of_nothing_asked, set(), {"nrad"}),
-        (angles, set(), {"nrad"}),
-        (orbit, set(), {"nrad"}),
+        at_a_release(budget_in_nrad, set(), {"nrad"}),
+        at_a_release(budget_of_nothing_asked, set(), {"nrad"}),
+        at_a_release(angles, set(), {"nrad"}),
+        at_a_release(orbit, set(), {"nrad"}),
     ],
 )
 def test_one_quantity_has_one_unit(

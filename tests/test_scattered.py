@@ -98,7 +98,7 @@ def test_friction_with_memory_makes_figures_jump_and_the_rigid_contact_does_not(
         assert is_noisy(problem, best, linearise_at(problem, best)) is expected
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_a_presliding_stiffness_is_identified():
     """No search ends here: after a change by less than a thousandth lines are others by a per cent."""
     start = mv.load_scenario("state-1").with_si(

@@ -15,6 +15,7 @@ from support import craft as whole
 from support import rodas4
 from support.craft_scenarios import instants, off, scenario_of, seen
 from support.run_reports import run_text
+from support.tiers import at_a_release, sweep
 from support.two_wings import BothDrives, Wing
 
 import microvib as mv
@@ -115,10 +116,10 @@ DAMPED = whole.FullCraft(bandwidth=0.3, detent=1e-9)
 @pytest.mark.parametrize(
     ("full", "wing", "second", "most"),
     [
-        (CALM, {"drive": "held"}, {"rate": 0.0}, 1e-3),
+        at_a_release(CALM, {"drive": "held"}, {"rate": 0.0}, 1e-3),
         (DAMPED, {"drive": "held"}, {"rate": 0.0}, 5e-5),
-        (CALM, {"drive": "driven"}, {}, 1e-4),
-        (DAMPED, {"drive": "driven", "stagger": 0.4}, {"late": 0.4}, 5e-5),
+        at_a_release(CALM, {"drive": "driven"}, {}, 1e-4),
+        at_a_release(DAMPED, {"drive": "driven", "stagger": 0.4}, {"late": 0.4}, 5e-5),
         (DAMPED, {"drive": "driven", "clock_ratio": 1.1, **OBLIQUE}, {}, 5e-5),
         (
             whole.FullCraft(),
@@ -147,7 +148,7 @@ def test_the_sum_of_two_runs_is_one_system_of_both(
         assert off(one, np.array(reference)) < most
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_what_superposition_leaves_out_of_lines() -> None:
     """Two full-step periods of the drive with its detent torque: driving lines 1e-4, sidebands 0.1 %, full-step lines 0.5 %."""
     full, n = whole.FullCraft(), 160
@@ -468,6 +469,7 @@ def quick(**wing: Any) -> Scenario:
     )
 
 
+@pytest.mark.release
 def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     out, scenario = tmp_path / "run", quick(stagger=0.25)
     result, _, files = run_to_folder(scenario, out)
@@ -561,7 +563,7 @@ def test_another_drive_from_a_file(tmp_path: Path) -> None:
         mv.load_scenario(tmp_path / "first.yaml")
 
 
-@pytest.mark.parametrize("clock_ratio", [1.0, 1.01])
+@pytest.mark.parametrize("clock_ratio", sweep([1.0, 1.01], 1.0))
 def test_a_budget_takes_both_wings_one_by_one(clock_ratio: float) -> None:
     """Lines of one clock with their phases: its sums are those of the run."""
     scenario = quick(stagger=0.25, clock_ratio=clock_ratio)
@@ -580,6 +582,7 @@ def test_a_budget_takes_both_wings_one_by_one(clock_ratio: float) -> None:
         assert window.lines[2] == pytest.approx(sums[window.metric, window.window], rel=1e-6)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("clock_ratio", [1.0, 1.01])
 def test_a_budget_takes_a_campaign_of_both_wings(tmp_path: Path, clock_ratio: float) -> None:
     """Cases that do not differ are the nominal one."""

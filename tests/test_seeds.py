@@ -129,6 +129,7 @@ def test_a_report_says_that_margins_are_those_of_the_quantile(noisy, drawn):
         assert told in " ".join(texts)
 
 
+@pytest.mark.release
 def test_what_is_left_of_the_start_is_not_passed_as_noise(noisy):
     # ringing of the start, as large as the limit when the record begins, over a mode that noise drives, too
     scenario = noisy.with_si({"record.settle": 1.0, "friction.torque_noise.density": 2e-5})

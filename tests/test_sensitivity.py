@@ -79,6 +79,7 @@ def test_in_the_steady_state_sensitivities_are_derivatives(scenario):
     assert effects["reducer.stiffness"].amplitudes == pytest.approx(ends, rel=1e-3)
 
 
+@pytest.mark.release
 def test_without_derivatives_differences_of_steady_states_are_taken(scenario):
     remembers = scenario.with_({"friction.presliding": {"stiffness": "2000 N*m/rad"}})
     remembers = remembers.with_sources({"array.inertia": RANGES["array.inertia"]})

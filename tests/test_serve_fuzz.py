@@ -21,6 +21,7 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 from support.server import opened
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.web.server.access import Access
@@ -70,7 +71,9 @@ def known(app) -> str:
     return id
 
 
-@pytest.mark.parametrize("mode", list(GenerationMode), ids=lambda mode: mode.value)
+@pytest.mark.parametrize(
+    "mode", sweep(GenerationMode, GenerationMode.NEGATIVE), ids=lambda mode: mode.value
+)
 def test_every_answer_is_as_described(app, known, mode):
     """Half of the requests name a run and a scenario that exist, so that they get further than the first check."""
     described = schemathesis.openapi.from_asgi("/api/openapi.json", app, headers=OWNER)

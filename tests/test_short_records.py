@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from support.scenarios import limit_of
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.limits import judge
@@ -76,9 +77,7 @@ def bands(frequency: float, resolution: float) -> list[tuple[float, float]]:
 TWO_FULL_STEPS = "two full steps"
 
 
-@pytest.mark.parametrize(
-    "duration", [pytest.param(1.0, marks=pytest.mark.release), 1.5, TWO_FULL_STEPS]
-)
+@pytest.mark.parametrize("duration", sweep([1.0, 1.5, TWO_FULL_STEPS], 1.5))
 def test_a_short_record_does_not_contradict_a_long_one(drive, known, duration):
     enough = duration == TWO_FULL_STEPS
     if enough:

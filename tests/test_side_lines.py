@@ -34,8 +34,8 @@ DRIVES: dict[str, dict[str, object]] = {
     "all": {"driver.imperfections.gain_b": -0.1, "driver.imperfections.offset_a": 0.08, "motor.detent_torque": "2 mN*m"},
 }  # fmt: skip
 
-IN_CI = ("converter", "table of two", "detent of 8", "half steps", "all")
-"""One of each kind: steps within a turn, orders once a turn and of the detent, the loop's rounding, several together."""
+IN_CI = ("table of two", "half steps")
+"""Orders once a turn, and the loop's rounding; steps within a turn, the detent and several together at a release."""
 
 
 def lines_of(drive: VaryingDrive, f: float) -> tuple[np.ndarray, np.ndarray, SideResponse]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.sliding_in_time import integrated
+from support.tiers import sweep
 from support.turning_in_time import LOADS, PLACE, amplitudes, smooth_drive
 
 import microvib as mv
@@ -91,7 +92,7 @@ def lines_of(drive: VaryingDrive, forces: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize("name", sweep(DRIVES, "friction over the angle"))
 def test_side_lines_are_those_in_time(ideal, name):
     """The largest within 6 %, and none that is above a hundredth of it is above the bound."""
     scenario = ideal.with_(DRIVES[name])

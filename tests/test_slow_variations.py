@@ -98,6 +98,7 @@ def test_rates_record_whole_cycles_and_forbid_what_a_part_of_them_makes(over_ang
 THIRD_BAND = "31.6:33.4 Hz"
 
 
+@pytest.mark.release
 def test_a_campaign_of_short_records_passes_nothing(tmp_path):
     (tmp_path / "drive.yaml").write_text(FRICTION_OVER_ANGLE)
     (tmp_path / "study.yaml").write_text(

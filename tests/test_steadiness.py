@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from support import craft as whole
 from support.craft_scenarios import scenario_of
 from support.scenarios import limit_of
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.limits import judge
@@ -82,6 +83,8 @@ UNSTEADY = {
     "90 % up and down": _modulated(0.9, 0.7),
     "grows": lambda t, x: x * (0.2 + 1.6 * t / t[-1]) + _noise(x),
 }
+MOST_DIFFERENT = ("on in the last 30 %", "slow rate ripple", "on for a fifth of each second")
+"""Part of the record, a frequency that wanders, bursts shorter than the pieces."""
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +103,7 @@ def recorded(x: np.ndarray) -> Recording:
     return Recording({"Mz": x}, FS, {"Mz": "N*m"}, "table")
 
 
-@pytest.mark.parametrize("name", UNSTEADY)
+@pytest.mark.parametrize("name", sweep(UNSTEADY, *MOST_DIFFERENT))
 def test_no_limit_below_the_torque_of_the_running_drive_is_passed(
     name: str, torque: np.ndarray, scenario: mv.Scenario
 ) -> None:
@@ -340,7 +343,7 @@ def test_lines_floor_and_excess_are_no_less_than_the_samples(name: str) -> None:
     assert np.hypot(counted, found) >= loudest
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", sweep(range(20), *range(5)))
 def test_noise_has_no_excess(seed: int) -> None:
     rng = np.random.default_rng(seed)
     x = rng.standard_normal(16384)
@@ -443,7 +446,7 @@ def running(craft: mv.Scenario, loads: dict[str, np.ndarray]) -> float:
     return pointing_budget(craft, one, recording=on_a_table(loads)).judged[0].value
 
 
-@pytest.mark.parametrize("name", UNSTEADY)
+@pytest.mark.parametrize("name", sweep(UNSTEADY, *MOST_DIFFERENT))
 def test_no_budget_below_the_jitter_of_the_running_drive_is_passed(
     name: str, craft: mv.Scenario, loads: dict[str, np.ndarray], running: float
 ) -> None:

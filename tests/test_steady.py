@@ -9,6 +9,7 @@ import pytest
 from support.run_reports import run_report, run_text
 from support.scenarios import heavy_scenario, random_scenario, scenario_of_any_kind
 from support.steady_lines import long_run, settled_motion, worst_deviation
+from support.tiers import at_a_release, sweep
 
 import microvib as mv
 from microvib.analysis.limits import transient_warnings
@@ -67,7 +68,7 @@ def test_lines_are_those_of_the_settled_run_in_time(name):
     assert steady["array_mode_1"].status == TRANSIENT
 
 
-@pytest.mark.parametrize("seed", [4, 14, 31, 45, pytest.param(52, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seed", sweep([4, 14, 31, 45, 52], 14))
 def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
     scenario = random_scenario(seed)
     deviation, line = worst_deviation(steady_state(scenario), settled_motion(scenario))
@@ -238,8 +239,8 @@ def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, change
         random_scenario(
             30
         ),  # friction that falls with the rate: smooth slip, and an oscillation that sticks
-        heavy_scenario(327),
-        heavy_scenario(436),
+        at_a_release(heavy_scenario(327)),
+        at_a_release(heavy_scenario(436)),
         scenario_of_any_kind(36),  # slips that vary repeat after seven periods of the command
     ],
 )
@@ -337,7 +338,9 @@ def test_a_drive_that_keeps_ringing_does_not_turn_smoothly(drive):
     assert max(x.amplitude for x in late if 10.0 < x.frequency < 60.0) > 0.01
 
 
-@pytest.mark.parametrize("name", ["state-1", "state-2", "state-3", "state-4", "state-5"])
+@pytest.mark.parametrize(
+    "name", sweep(["state-1", "state-2", "state-3", "state-4", "state-5"], "state-1", "state-4")
+)
 def test_what_is_found_does_not_depend_on_the_settling_time(name):
     state = mv.load_scenario(name)
     for factor in (0.999, 1.0, 1.001):
@@ -362,15 +365,17 @@ BACKLASH = {"reducer.backlash": 2e-4}
     "changes",
     [
         TRANSMISSION_ERROR,
-        {**TRANSMISSION_ERROR, "reducer.stiffness": "rigid"},
+        at_a_release({**TRANSMISSION_ERROR, "reducer.stiffness": "rigid"}),
         PRESLIDING,
         {"reducer.hysteresis": {"loss": 2e-5, "stiffness": 4000.0}},
         BACKLASH,
-        {
-            **TRANSMISSION_ERROR,
-            **PRESLIDING,
-            "driver.imperfections": {"gain_b": 0.02, "offset_a": 0.01},
-        },
+        at_a_release(
+            {
+                **TRANSMISSION_ERROR,
+                **PRESLIDING,
+                "driver.imperfections": {"gain_b": 0.02, "offset_a": 0.01},
+            }
+        ),
     ],
 )
 def test_long_periods_and_frictions_with_memory_have_the_steady_state_of_a_run_from_rest(
@@ -391,6 +396,7 @@ def test_long_periods_and_frictions_with_memory_have_the_steady_state_of_a_run_f
     assert abs(state.invariants.energy_stored) < 1e-3 * state.invariants.energy_dissipated
 
 
+@pytest.mark.release
 def test_a_slow_mode_beside_a_friction_with_memory_is_waited_for(state_1):
     scenario = state_1.with_si(
         {"friction.presliding": {"stiffness": 1e5}, "array.modes.0.damping": 0.0014}
@@ -415,6 +421,7 @@ def test_a_slow_mode_beside_a_friction_with_memory_is_waited_for(state_1):
         assert line.amplitude == pytest.approx(wanted[line.name], rel=2e-3)
 
 
+@pytest.mark.release
 def test_a_harmonic_gear_from_the_data_sheet_has_a_steady_state_over_a_chart_of_rates():
     scenario = mv.new_scenario(gear="size 14 ratio 100")
     assert any(error.amplitude > 0.0 for error in scenario.reducer.errors)
@@ -437,8 +444,8 @@ def test_a_deviation_that_is_as_linear_as_a_small_one_is_not_waited_for(name):
     "scenario",
     [
         heavy_scenario(9),
-        heavy_scenario(16),
-        heavy_scenario(36),
+        at_a_release(heavy_scenario(16)),
+        at_a_release(heavy_scenario(36)),
         scenario_of_any_kind(
             170
         ),  # on its way to slips that repeat after five periods it is linear for one of them
@@ -453,6 +460,7 @@ def test_a_start_from_rest_that_leads_elsewhere_is_seen_before_it_is_there(scena
         assert float(np.std(quick[0].T_d)) == pytest.approx(float(np.std(waited[0].T_d)), rel=0.01)
 
 
+@pytest.mark.release
 def test_friction_heavy_sets_that_are_found_are_what_a_run_from_rest_shows():
     found = []
     for seed in range(1, 12):

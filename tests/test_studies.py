@@ -220,7 +220,7 @@ def test_what_an_identification_writes(fit, tmp_path):
     assert first_text(fit).startswith("The model explains these data")
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_estimates_lean_on_what_was_not_fitted(recording, start):
     """To first order: where the inertia is 1 % wrong, the estimate moves as was said."""
     evidence = [(read_evidence(recording, start), {})]
@@ -393,7 +393,7 @@ def test_amplitudes_of_the_starts_ringing_do_not_count_where_its_time_is_not_kno
     assert "array_mode_1 is not used" in fit.notes[0]
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_amplitudes_of_the_starts_ringing_count_where_its_time_is_fitted(recording, start):
     true = start.with_si(TRUTH)
     keys = [parse_fit(true, key) for key in (DAMPING, "record.settle=3 s:6 s")]
@@ -578,7 +578,7 @@ def two_tests(start):
     return found
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_what_is_shared_has_one_value_and_the_rest_one_for_each_recording(start, tmp_path):
     start = start.with_si(
         {"record.settle": 2.0, "motor.friction.viscous": 0.025, "reducer.stiffness": 8000.0}

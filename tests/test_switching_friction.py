@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.sticking_in_time import InTime, integrated, rms_in_band, without_line
+from support.tiers import at_a_release
 from support.turning_in_time import EXAMPLE, PLACE
 
 import microvib as mv
@@ -64,7 +65,10 @@ def bound(side: SideLines, low: float, high: float) -> np.ndarray:
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("microsteps", "coulomb", "breakaway", "f"),
-    [(8, 0.1, 0.1, 11.854), (4, 0.3, 0.3, 7.7), (8, 0.3, 0.3, 6.56), (8, 0.1, 0.12, 11.854), (4, 0.3, 0.45, 5.3)],
+    [
+        (8, 0.1, 0.1, 11.854), at_a_release(4, 0.3, 0.3, 7.7), at_a_release(8, 0.3, 0.3, 6.56),
+        at_a_release(8, 0.1, 0.12, 11.854), (4, 0.3, 0.45, 5.3),
+    ],
 )  # fmt: skip
 def test_no_more_is_beside_the_line_than_the_bound(example, microsteps, coulomb, breakaway, f):
     """Of a drive whose output sticks for a part of each step, in any band; and the bound by energy, which
@@ -96,7 +100,9 @@ def test_the_sine_of_the_motor_makes_no_more_than_the_bound(example):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("times", "slides"), [(800.0, False), (1500.0, True), (3000.0, True)])
+@pytest.mark.parametrize(
+    ("times", "slides"), [(800.0, False), (1500.0, True), at_a_release(3000.0, True)]
+)
 def test_friction_of_a_parked_drive_slides_by_the_loads_that_overcome_it(example, times, slides):
     """And makes no more of them than its bound, which is nothing while it holds the shaft."""
     scenario = with_friction(example, 16, 0.05, 0.05).with_({"tracking.rate": "0 deg/s"})

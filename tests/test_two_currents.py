@@ -37,7 +37,7 @@ def estimates(fit: Fit) -> dict[str, tuple[float, float, bool]]:
     return {one.key: (one.estimate, one.standard_error, one.identifiable) for one in fit.estimates}
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_two_currents_tell_them_apart(recordings: list[mv.Recording]) -> None:
     first, second = recordings
     found = estimates(mv.identify(baseline().with_(START), [first, (second, OTHER)], KEYS, **FEW))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.io.recordings import Prepared
@@ -63,7 +64,7 @@ def test_two_tests_that_are_alike_have_no_hint(tests):
     assert hints(a, b, scenario) == hints(a, b) == ""
 
 
-@pytest.mark.parametrize("factor", [1e3, 1e-3])
+@pytest.mark.parametrize("factor", sweep([1e3, 1e-3], 1e3))
 def test_a_factor_of_a_thousand_is_told(tests, factor):
     scenario, a, b = tests
     for guide in (scenario, None):
@@ -84,7 +85,7 @@ def test_samples_in_reverse_order_are_told(tests):
     assert "with its time reversed" in hints(a, back, scenario)
 
 
-@pytest.mark.parametrize("other", ["Mx", "My"])
+@pytest.mark.parametrize("other", sweep(["Mx", "My"], "My"))
 def test_swapped_axes_are_told(tests, other):
     scenario, a, b = tests
     for guide in (scenario, None):
@@ -118,6 +119,7 @@ def test_a_factor_is_told_beside_a_resonance_of_the_table(tests, on_soft_table, 
         assert "lines follow within 10 %: check" in said
 
 
+@pytest.mark.release
 def test_a_sign_and_an_axis_are_told_beside_a_resonance_of_the_table(tests, on_soft_table):
     scenario, a, _ = tests
     for other in (a, scenario):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support import craft as whole
 from support.craft_scenarios import scenario_of
+from support.tiers import sweep
 
 from microvib.errors import MicrovibError, ScenarioError
 from microvib.io.file_access import NO_FILES, WORKING_FOLDER
@@ -222,16 +223,7 @@ _ASKED: list[dict[str, Any]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "asked",
-    [
-        pytest.param(
-            one,
-            marks=() if one.get("metric") == "jitter" or "curve" in one else pytest.mark.release,
-        )
-        for one in _ASKED
-    ],
-)
+@pytest.mark.parametrize("asked", sweep(_ASKED, _ASKED[-1]))
 def test_no_speed_of_a_range_with_modes_is_above_what_was_found(asked: dict[str, Any]) -> None:
     modes = [ROCKING, {"motion": "radial", "frequency": "150 Hz", "damping": 0.002}]
     harmonics = [

@@ -74,6 +74,7 @@ def test_a_whole_number_is_one_in_all_recordings_and_never_alone(short, rounded)
         identify(short, [rounded], ["reducer.stiffness", DAC_BITS], select=[DAC_BITS])
 
 
+@pytest.mark.release
 def test_bits_are_identified_beside_a_stiffness(short, rounded):
     fit = identify(
         short, [rounded], ["reducer.stiffness", f"{DAC_BITS}=8:10"], starts=8, finishes=1

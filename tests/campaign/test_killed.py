@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from support import commands
 from support.campaigns import SHORT, Fragile, bytes_of, made, spread
+from support.tiers import at_a_release
 
 from microvib.errors import MicrovibError
 from microvib.studies import workers as running
@@ -115,7 +116,8 @@ def calm(tmp_path_factory) -> list[bytes]:
     "what",
     [
         "interrupt",
-        *(pytest.param(x, marks=pytest.mark.long) for x in ("worker", "coordinator", "group")),
+        pytest.param("worker", marks=pytest.mark.long),
+        *map(at_a_release, ("coordinator", "group")),
     ],
 )
 def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, calm, what):
@@ -153,6 +155,7 @@ def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, calm, wh
     )  # not computed twice
 
 
+@pytest.mark.release
 def test_slurm_shards_are_a_job_array_that_can_be_resumed(tmp_path, monkeypatch):
     """A stand-in for sbatch runs the first of two shards, as if the second had been cancelled; then there is one left."""
     tools = tmp_path / "bin"

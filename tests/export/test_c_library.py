@@ -324,6 +324,7 @@ def test_example_in_c_compiles_and_runs(c_library, cc, tmp_path):
     assert np.ptp(rows[:, 1]) > 1e-3
 
 
+@pytest.mark.release
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not installed")
 def test_valgrind_finds_nothing(c_library, cc, tmp_path):
     folder = c_library(STATE)

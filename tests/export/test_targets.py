@@ -6,6 +6,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.errors import MicrovibError
@@ -32,7 +33,7 @@ def test_an_fmu_is_valid_whatever_its_file_is_called(target: str, tmp_path: Path
     assert fmpy.read_model_description(str(file)).coSimulation.modelIdentifier == "lines"
 
 
-@pytest.mark.parametrize("target", ["c", pytest.param("wasm", marks=pytest.mark.long)])
+@pytest.mark.parametrize("target", sweep(["c", "wasm"], "c"))
 def test_a_folder_is_written_as_an_archive(target: str, tmp_path: Path) -> None:
     if TARGETS[target].missing:
         pytest.skip(TARGETS[target].missing)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from support.page import PAGE, QUICK, SHORT, drawn, limit, run, until, write
 
 import microvib as mv
@@ -18,6 +19,7 @@ QUIETER = (
 )
 
 
+@pytest.mark.release
 def test_of_two_steady_runs_the_quieter_is_named_and_each_is_judged(
     visit: Callable[..., Any],
 ) -> None:

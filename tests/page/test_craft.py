@@ -72,6 +72,7 @@ def test_weights_of_the_page_are_those_of_the_library(visit: Callable[..., Any])
         )
 
 
+@pytest.mark.release
 def test_firm_ground_has_no_such_card(visit: Callable[..., Any]) -> None:
     page = visit("#base=state-1&record.settle=1+s&record.duration=4+s")
     run(page)

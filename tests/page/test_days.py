@@ -81,6 +81,7 @@ def figure(text: str) -> float:
     return float(text.replace("−", "-"))
 
 
+@pytest.mark.release
 def test_a_day_with_recordings(opened: Any, recordings: Path) -> None:
     """Tasks 1 to 6: library, section, averages, cursors, background, bands."""
     page = opened
@@ -182,6 +183,7 @@ def test_a_day_with_several_tests(opened: Any, recordings: Path) -> None:
     api.expect(several).to_contain_text("b1.uff (recording) against a1.uff (recording)")
 
 
+@pytest.mark.release
 def test_a_day_on_the_force_table(opened: Any, recordings: Path) -> None:
     """Tasks 8, 9 and 12: a hammer test, recordings without the table's dynamics and about another point, the
     acceptance report."""
@@ -267,6 +269,7 @@ SHEET = {
 }
 
 
+@pytest.mark.release
 def test_an_evening_from_a_data_sheet_to_two_designs(
     opened: Any, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
@@ -305,6 +308,7 @@ def evening(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.release
 def test_an_evening_on_a_craft(opened: Any, evening: Path) -> None:
     """Tasks 3, 4 and 10: rates that put a line on a mode, one envelope over them against a curve, and what
     contributes most to the line of sight."""
@@ -367,6 +371,7 @@ def contributors(page: Any, *wanted: str) -> list[str]:
     return [row for row in rows if all(word in row for word in wanted)]
 
 
+@pytest.mark.release
 def test_an_evening_with_the_budget_of_a_craft(opened: Any, evening: Path) -> None:
     """Tasks 6 to 10: a wheel beside the drive, the worst angle, errors by class, a table of harmonics, and
     all lines at their crests; downloaded it is what the command line writes."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from support.page import PAGE, QUICK, SHORT, api, drawn, run, until, write
 
 import microvib as mv
@@ -38,6 +39,7 @@ def test_two_runs_are_compared_line_by_line(visit: Callable[..., Any]) -> None:
     assert abs(figure(decibel.inner_text()) + 20 * math.log10(ratio)) < 0.0051
 
 
+@pytest.mark.release
 def test_lines_that_only_a_frequency_tells_are_compared_by_it(visit: Callable[..., Any]) -> None:
     page = visit()
     found = page.evaluate(

@@ -93,6 +93,7 @@ def test_the_array_view_shows_the_mode_that_the_drive_excites(visit: Callable[..
     assert names == "array modes 1–3, 7"
 
 
+@pytest.mark.release
 def test_narrow_window(visit: Callable[..., Any]) -> None:
     page = visit(QUICK)
     page.set_viewport_size({"width": 400, "height": 800})

@@ -106,6 +106,7 @@ def test_upload_a_scenario(visit: Callable[..., Any], tmp_path: Path) -> None:
     assert amplitude(page, "drive_1") == f"{1e3 * table['drive_1'].amplitude:#.4g}"
 
 
+@pytest.mark.release
 def test_a_link_restores_the_scenario(visit: Callable[..., Any]) -> None:
     page = visit()
     write(page, "motor.current", "0.5 A")

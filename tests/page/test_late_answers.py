@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from support.page import (
     PAGE,
     QUICK,
@@ -109,6 +110,7 @@ def test_run_change_run_again_and_cancel_over_a_slow_line(visit: Callable[..., A
     page.locator(".chip.done").nth(1).wait_for(timeout=240_000)
 
 
+@pytest.mark.release
 def test_a_long_answer_over_a_slow_line_is_waited_for(visit: Callable[..., Any]) -> None:
     """It takes longer than the server may be silent, and is heard of all the while."""
     page = visit(QUICK)

@@ -41,6 +41,7 @@ def recording(tmp_path: Path) -> Path:
     return tmp_path / "test.csv"
 
 
+@pytest.mark.release
 def test_runs_and_recordings_are_there_after_a_restart(
     chromium: Any, tmp_path: Path, recording: Path
 ) -> None:

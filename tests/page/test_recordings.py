@@ -251,6 +251,7 @@ def test_low_frequencies_of_a_recording_are_seen_on_a_logarithmic_axis(
     until(page, f"{layout}?.xaxis.type === 'log'")
 
 
+@pytest.mark.release
 def test_a_trigger_finds_the_section(visit: Callable[..., Any], tmp_path: Path) -> None:
     page = visit()
     load(page, in_two_halves(), tmp_path)
@@ -272,6 +273,7 @@ def sweep() -> Recording:
     return Recording({"Mz": x}, 1000.0, {"Mz": "N*m"}, "sweep")
 
 
+@pytest.mark.release
 def test_orders_of_a_sweep_outlast_the_server(chromium: Any, tmp_path: Path) -> None:
     library = tmp_path / "library"
     cuts = "document.querySelector('#cuts-plot')"
@@ -318,6 +320,7 @@ def opened(chromium: Any, address: str) -> Any:
     return page
 
 
+@pytest.mark.release
 def test_several_recordings_are_compared_repeated_and_processed_alike(
     visit: Callable[..., Any], tmp_path: Path
 ) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from support.page import PAGE, QUICK, api, drawn, until, write
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.io.named import catalog_names
@@ -63,6 +64,7 @@ def test_modes_of_a_craft_move_and_stand_still(visit: Callable[..., Any], tmp_pa
     )
 
 
+@pytest.mark.release
 def test_shapes_stand_still_where_motion_is_not_wanted(visit: Callable[..., Any]) -> None:
     page = visit(ELEMENTS)
     page.emulate_media(reduced_motion="reduce")
@@ -95,6 +97,7 @@ def test_a_late_answer_does_not_take_the_place_of_a_newer_one(
     )
 
 
+@pytest.mark.release
 def test_what_is_dropped_is_asked_about_no_more(visit: Callable[..., Any], tmp_path: Path) -> None:
     """A question under way when its computation is dropped would be answered with a refusal."""
     page = craft_page(visit, tmp_path)
@@ -118,7 +121,7 @@ def test_what_is_dropped_is_asked_about_no_more(visit: Callable[..., Any], tmp_p
     )
 
 
-@pytest.mark.parametrize("name", catalog_names())
+@pytest.mark.parametrize("name", sweep(catalog_names(), "state-1"))
 def test_every_scenario_of_the_catalog_has_modes_that_move(
     visit: Callable[..., Any], name: str
 ) -> None:
@@ -159,6 +162,7 @@ def test_angles_are_swept_with_progress_in_two_windows(
     api.expect(page.locator("#angles")).to_contain_text("Sweep was cancelled.")
 
 
+@pytest.mark.release
 def test_lines_over_seeds(visit: Callable[..., Any]) -> None:
     page = visit(QUICK)
     page.fill("#seeds", "many")

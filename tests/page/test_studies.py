@@ -18,6 +18,7 @@ from support.page import (
     run,
     until,
 )
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.io.recordings import write_recording
@@ -50,7 +51,7 @@ def test_upload_a_recording(visit: Callable[..., Any], tmp_path: Path) -> None:
     page.get_by_text("'.exe' is not known").wait_for()
 
 
-@pytest.mark.parametrize("unit", ["N m", "mN·m"])
+@pytest.mark.parametrize("unit", sweep(["N m", "mN·m"], "mN·m"))
 def test_the_run_is_drawn_under_a_recording_however_its_unit_is_written(
     visit: Callable[..., Any], tmp_path: Path, unit: str
 ) -> None:
@@ -122,6 +123,7 @@ WOUND_UP = "#base=state-1&record.settle=6+s&record.duration=4+s"
 """A record that begins when friction has let go of the array in every case."""
 
 
+@pytest.mark.release
 def test_a_quieter_drive_over_the_one_before(visit: Callable[..., Any]) -> None:
     """A wrong range is said; what a search finds goes into the form and lies over the run before."""
     page = visit(WOUND_UP)
@@ -155,6 +157,7 @@ def test_a_quieter_drive_over_the_one_before(visit: Callable[..., Any]) -> None:
 CURVE = "frequency_hz,t_mnm\n1,100\n40,100\n40,1\n500,1\n"
 
 
+@pytest.mark.release
 def test_a_search_by_a_curve_with_a_margin_and_a_table_that_is_judged(
     visit: Callable[..., Any], tmp_path: Path
 ) -> None:
@@ -207,6 +210,7 @@ def test_a_cancelled_search_says_its_best_so_far(visit: Callable[..., Any]) -> N
     page.locator("#quiet [role=alert]").get_by_text("Search was cancelled; best so far").wait_for()
 
 
+@pytest.mark.release
 def test_a_point_of_a_rate_map_is_run(visit: Callable[..., Any]) -> None:
     page = visit(QUICK)
     page.click("#tab-rates")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from support.page import PAGE, QUICK, run, until
 
 from microvib.solve.channels import ALL_CHANNELS
@@ -74,6 +75,7 @@ BROKEN = """() => [...document.querySelectorAll("#rates tbody td")].filter((cell
 }).map((cell) => cell.dataset.label)"""
 
 
+@pytest.mark.release
 def test_diagrams_and_names_of_figures_follow_a_window_that_becomes_narrow(
     visit: Callable[..., Any],
 ) -> None:

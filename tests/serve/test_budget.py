@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.server import result, spec, wait
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.reports.budget import budget_outcome
@@ -54,19 +55,24 @@ def begun(client, **asked) -> str:
 
 
 @pytest.mark.long
-def test_a_budget_is_that_of_the_library_and_has_a_report(client, files):
+@pytest.mark.parametrize("name", sweep(["wheel", "sources"], "wheel"))
+def test_a_budget_is_that_of_the_library_and_has_a_report(client, files, name):
     """The same files to the last digit, and the report that says the same."""
-    id = begun(client, requirement=REQUIREMENT, sources=SOURCES, rule="bound", one_clock=True)
+    sources = (files / f"{name}.yaml").read_text()
+    tables = {"harmonics.csv": HARMONICS} if name == "wheel" else {}
+    asked = {"sources": sources, "tables": tables, "rule": "bound", "one_clock": True}
+    id = begun(client, requirement=REQUIREMENT, **asked)
     told = result(client, id)
     expected = budget_outcome(
         pointing_budget(
             EXAMPLES / "spacecraft.yaml", files / "requirement.yaml", names=["drive"],
-            sources=files / "sources.yaml", steady=True, rule="bound", one_clock=True,
+            sources=files / f"{name}.yaml", steady=True, rule="bound", one_clock=True,
         )
     )  # fmt: skip
     assert told["files"] == text_files(expected)
     assert (told["summary"], told["verdict"]) == (expected.summary, expected.verdict)
-    assert {row["source"] for row in told["parts"][2]["items"][0]["rows"]} == {"drive", "wheel 1"}
+    wheel = "wheel 2" if name == "wheel" else "wheel 1"
+    assert {row["source"] for row in told["parts"][2]["items"][0]["rows"]} == {"drive", wheel}
     answer = client.get(f"/api/studies/{id}/files/report.html")
     assert answer.status_code == 200
     assert "Pointing of a small craft" in answer.text
@@ -74,7 +80,7 @@ def test_a_budget_is_that_of_the_library_and_has_a_report(client, files):
     assert client.get(f"/api/studies/{id}/files/result.json").status_code == 404
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_the_worst_of_several_angles_is_that_of_the_library(client, files):
     told = result(client, begun(client, requirement=REQUIREMENT, angles="0,45"))
     expected = budget_over_angles(
@@ -85,7 +91,7 @@ def test_the_worst_of_several_angles_is_that_of_the_library(client, files):
     assert json.loads(told["files"]["budget.json"])["array_angles_deg"] == [0.0, 45.0]
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_a_table_of_the_sources_comes_with_the_request(client, files):
     told = result(
         client,
@@ -98,7 +104,7 @@ def test_a_table_of_the_sources_comes_with_the_request(client, files):
     assert told["files"] == text_files(budget_outcome(expected))
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_two_designs_are_those_of_the_library(client, files):
     """The second with other microsteps and sources of its own, whose table comes with the request."""
     fine = {**CRAFT, "changes": {"driver.microsteps": "64"}}

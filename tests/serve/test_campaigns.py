@@ -91,7 +91,7 @@ def test_a_case_is_a_scenario_of_the_form(client, store, through):
     assert client.get(f"/api/campaigns/{through}/cases/-1").status_code == 422
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_a_campaign_goes_on_where_it_was_cancelled_and_after_a_restart(tmp_path):
     """Its verdict is not given before all cases are computed, and those that are stay as they are."""
     limits = Limits()

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 import httpx2 as httpx
 import pytest
 from support.server import LONG, start, wait
+from support.tiers import sweep
 
 from microvib.web.server.serve import listening_socket
 
@@ -38,7 +39,7 @@ def told(*arguments: str) -> tuple[int, str]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("end", sweep([signal.SIGTERM, signal.SIGINT], signal.SIGTERM))
 def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     with microvib("--port", "0") as server:

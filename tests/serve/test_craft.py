@@ -240,6 +240,7 @@ def test_seeds_without_noise(client):
     )
 
 
+@pytest.mark.release
 def test_files_of_a_driven_second_wing(client):
     data = yaml.safe_load(CRAFT["text"])
     far = {

@@ -106,7 +106,7 @@ def test_recordings_and_runs_together(client, finished):
     assert job["error"] == "a test.csv: is given twice; a member counts once"
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_an_envelope_over_a_campaign_has_percentiles_of_its_cases(client, store):
     id = client.post("/api/campaigns", json=CAMPAIGN).json()["id"]
     result(client, id)

@@ -83,7 +83,7 @@ def test_runs_studies_and_recordings_survive_a_restart(serving):
     assert result(client, again.json()["id"])["spectrum"] == answers[1]["spectrum"]
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_budgets_and_envelopes_survive_a_restart_with_their_reports(serving):
     client = serving()
     run = start(client, SHORT)

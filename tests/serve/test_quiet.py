@@ -96,7 +96,7 @@ def test_a_usual_range_is_that_of_the_name_alone(changes, missing, without_range
         assert written.text == alone.text
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_a_quieter_drive_is_that_of_the_library(client):
     answer = client.post(
         "/api/quiet", json={**SMALL, "levers": ["ramp", "table"], "limit": "1 N*m"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from support.server import SHORT, result
+from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.lines import steady_lines
@@ -21,7 +22,7 @@ def amplitudes(told: dict, line: str) -> list[float]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("linear", [True, False])
+@pytest.mark.parametrize("linear", sweep([True, False], True))
 def test_a_sweep_has_the_lines_of_each_point(client, linear):
     answer = client.post("/api/sweeps", json={**SWEEP, "linear": linear})
     assert answer.status_code == 202, answer.text
