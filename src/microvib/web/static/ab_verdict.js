@@ -7,7 +7,7 @@ import * as limit from "./limit.js";
 import { onUnits, shown } from "./measures.js";
 import * as runs from "./runs.js";
 
-const NO_LIMIT = "1e6 N*m"; // above every line: what is not judged against it was not looked at
+const NO_LIMIT = "1e5 N*m"; // above every line: what is not judged against it was not looked at
 const asking = latest();
 const place = h("div", { id: "ab-verdict", role: "status" });
 export { place };

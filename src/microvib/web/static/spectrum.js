@@ -16,6 +16,7 @@ import { verdictOf } from "./limit.js";
 const HIGHEST = 200;
 const LOWEST = 0.1; // of a logarithmic axis, unless the first bin is lower [Hz]
 const NAMES = 3; // of curves, beyond which the runs' list alone has them
+const MANY = 8; // of curves, beyond which the chosen run alone has dots at its lines
 const SIZE = 10.5; // of names
 const AROUND = [87, 90]; // margins of the plot, before it has been drawn
 
@@ -103,7 +104,8 @@ async function show(shown, spectra) {
   logX.setAttribute("aria-pressed", view.logX);
   logY.setAttribute("aria-pressed", view.logY);
   const named = shown.length <= NAMES;
-  const traces = shown.flatMap((run, k) => [{ ...curve(run, spectra[k]), showlegend: named }, ...(view.channel === "T_d" ? [dots(run)] : [])]);
+  const dotted = view.channel === "T_d" ? shown.slice(shown.length > MANY ? -1 : 0) : [];
+  const traces = shown.flatMap((run, k) => [{ ...curve(run, spectra[k]), showlegend: named }, ...(dotted.includes(run) ? [dots(run)] : [])]);
   if (view.channel === "T_d") traces.push(...referenceDots(shown));
   traces.push(...limitCurve(view.channel === "T_d" ? verdictOf(shown.at(-1)) : null, axis));
   const measured = String(area());
