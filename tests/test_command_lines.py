@@ -108,6 +108,7 @@ GIVEN: dict[str, dict[str, str]] = {
         "bands.csv": "low_hz,high_hz,limit_mn_m\n2,20,15\n20,80,70\n80,150,20\n"
     },
     "docs/howto/motor.md": {"my-drive.yaml": DRIVE},
+    "docs/howto/pulses.md": {"pulses.yaml": (ROOT / "examples" / "pulses.yaml").read_text()},
     "docs/howto/pointing.md": CRAFT
     | LESS
     | {"study.yaml": STUDY.replace("state-1", "spacecraft.yaml")},
