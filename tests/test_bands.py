@@ -136,6 +136,16 @@ def test_what_the_ends_of_a_record_hold_passes_nothing(low, high, part):
         assert "the filter's transients" in one.why
 
 
+def test_a_tone_that_falls_is_as_large_as_it_is_at_the_start():
+    t = np.arange(round(5.62 * 1024)) / 1024.0
+    x = np.exp(-t / 12.0) * np.sin(2.0 * np.pi * 21.66 * t)
+    falling = Recording({"Mz": x}, 1024.0, {"Mz": "N*m"})
+    one = judged(falling, 3.0, 100.0, 0.97)
+    assert one.verdict == "not judged"
+    assert one.largest < 0.93
+    assert judged(falling, 3.0, 100.0, 1.03).verdict == "pass"
+
+
 def test_a_tone_that_lasts_is_judged_whatever_it_has_below_the_band():
     """A slow line far larger than those of the band leaks into both ends as it does into the rest."""
     tones = record((50.0, 1.0), (1.2, 20.0), seconds=2.9, noise=1e-3)

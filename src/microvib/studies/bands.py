@@ -38,7 +38,8 @@ _EDGE = Measure("Hz", form=".6g")
 _SIGMAS = 3.0
 """Standard uncertainties that a peak keeps from its limit, as lines do."""
 _AS_LOUD = 1.25
-"""Ratio of RMS up to which the ends of a record are taken for as loud as the rest."""
+"""Ratio of RMS up to which what is louder at the ends of a record is taken to last there, as what
+decays does."""
 _OF_PIECE = 1.5
 """Height of a peak over what the RMS of a piece says that it is in for a part only; assumed."""
 _GRID = 64
@@ -368,9 +369,10 @@ def _too_short(recording: Recording, limit: BandLimit, roll_off: float) -> str:
 
 def _loud_ends_reason(history: BandHistory, limit: BandLimit, rate: float) -> str:
     """Reason why the ends of a record, which are the filter's transients, may hold a peak above the
-    limit, as a clause; empty where they are no louder than the rest, or may not.
+    limit, as a clause; empty where they may not, or the rest does anyway.
     """
-    if history.ends <= _AS_LOUD or _OF_PIECE * history.ends * history.largest <= limit.limit:
+    height = history.ends if history.ends <= _AS_LOUD else _OF_PIECE * history.ends
+    if height * history.largest <= limit.limit or history.largest > limit.limit:
         return ""
     times = f"up to {history.ends:.2g} times" if history.ends < 100.0 else "over 100 times"
     return (
