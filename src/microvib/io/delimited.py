@@ -43,12 +43,12 @@ _SAID_WITH_BLANK = re.compile(
 _LOAD_UNIT = re.compile(
     r"(?<![A-Za-z0-9/])(?<!\d )([kMmunµμ]?N(?:[ *·.-]?[cm]?m)?|lbf?[ .*-]?(?:in|ft)|kgf?[ .*-]?c?m)(?![A-Za-z])"
 )
-"""A unit of loads that is no number's."""
+"""Unit of a load that stands by itself, as in ``Units: kN m``, and not behind a number."""
 _VOLTS_PER = re.compile(r"(?<![A-Za-z])[munµμ]?V ?(?:/|per )|(?:/|per ) ?[munµμ]?V(?![A-Za-z])")
 _THOUSAND = re.compile(
     r"(?<![\d:/-])(?<!\d[.,])(?:1000|1[.,]?0?[eE][+-]?0?[36]|0[.,]001|10\^-?[36])(?![\d:/-]|[.,]\d)"
 )
-"""A thousand or a thousandth, as prefixes of units stand for."""
+"""A thousand or a thousandth, which a prefix of a unit stands for."""
 _ONE = re.compile(r"\D*[:=;,\t ] *[01](?:[.,]0*)?\W*")
 """A factor that leaves samples as they are."""
 _SCALES = re.compile(
@@ -56,14 +56,16 @@ _SCALES = re.compile(
     r"|ratio\b|verh(ä|ae)ltnis|per unit|kilo|milli|multipl|scal(e|ing)|skal|(?<![a-z])dB(?![a-z])",
     re.IGNORECASE,
 )
-"""Words for what turns samples into others."""
+"""Words of a remark that may be about the scale of samples. It is free text: ``names_factor`` has those of
+names that a number follows.
+"""
 _SCALES_NOTHING = re.compile(
     r"sampl|abtast|point|punkt|block|line|row|record|count|number|anzahl|nummer|channel|kanal|average|mittel|mittl|"
     r"test|run\b|order|ordnung|time|zeit|date|datum|serial|version|speed|drehzahl|rate|range|bereich|span|duration|dauer"
     r"|full|operator|comment|filter|frequen|gear|getriebe|reducer|inertia|damping",
     re.IGNORECASE,
 )
-"""Words for what a number on top may be of, and no scale."""
+"""Words of a remark whose number is of something else."""
 _THOUSANDS = re.compile(r"\d{1,3}([.,])\d{3}")
 
 
@@ -128,20 +130,31 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
     header = _header(top, form, layout.width)
     data = _values(body, form, layout.width, header.names)
     if not text.endswith(("\n", "\r")):
-        if _last_number_truncated([form.split(line)[-1] for line in body[-2000:]]):
-            data = data[:-1]
-            notes.append("the last row has no end of line and may be cut off: it was left out")
-        else:
-            notes.append("the last row has no end of line")
+        data, note = _without_cut_row(data, body, form)
+        notes.append(note)
     decimal = form.decimal if any(form.decimal in line for line in body) else ""
-    said = _header_values(top, decimal)
-    above = top[:-1] if header.is_in_file else top
-    remark = next((line for line in above if _may_scale(line, header.units)), "")
-    rates = _rates(top, decimal) or stated_rates(said)
-    is_sampling_known = rates or hints.time is not None or hints.sample_rate is not None
+    columns = _columns(header, data, top, decimal)
+    is_sampling_known = columns[0].rates or hints.time is not None or hints.sample_rate is not None
     if not (header.is_in_file or is_sampling_known):
         raise _unnamed_columns(header.names)
-    columns = [
+    return recording_of(columns, hints, notes)
+
+
+def _without_cut_row(data: np.ndarray, body: list[str], form: _Form) -> tuple[np.ndarray, str]:
+    """The numbers without a last row that no end of line follows and that may be cut off, and a note."""
+    if _last_number_truncated([form.split(line)[-1] for line in body[-2000:]]):
+        return data[:-1], "the last row has no end of line and may be cut off: it was left out"
+    return data, "the last row has no end of line"
+
+
+def _columns(header: _Header, data: np.ndarray, top: Sequence[str], decimal: str) -> list[Column]:
+    """The columns of the numbers, with what the lines on top say of them."""
+    said = _header_values(top, decimal)
+    rates = _rates(top, decimal) or stated_rates(said)
+    above = top[:-1] if header.is_in_file else top
+    remark = next((line for line in above if _may_scale(line, header.units)), "")
+    in_brackets = header.in_brackets or [""] * len(header.names)
+    return [
         Column(
             name,
             values,
@@ -152,14 +165,9 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
             remark=remark,
         )
         for name, values, unit, own in zip(
-            header.names,
-            data.T,
-            header.units,
-            header.in_brackets or [""] * layout.width,
-            strict=True,
+            header.names, data.T, header.units, in_brackets, strict=True
         )
     ]
-    return recording_of(columns, hints, notes)
 
 
 def _unnamed_columns(names: list[str]) -> RecordingError:

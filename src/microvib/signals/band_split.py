@@ -19,7 +19,9 @@ _MARGIN = 16
 _FINE = 16.0
 """Samples per cycle of the highest frequency from which a peak is taken."""
 _SHORTEST = 8
-"""Samples of a piece by which the ends of a record are compared with the rest."""
+"""Samples of a piece by which the ends of a record are compared with the rest, at least."""
+_AT_ONCE = 1_000_000
+"""Samples of such pieces that are transformed together, in little memory."""
 WIDEST = 0.2
 """Roll-off, over the frequency of the edge, where the band is wide enough for it."""
 
@@ -145,20 +147,24 @@ def _loudness_of_ends(x: np.ndarray, reach: int, low: float, high: float) -> flo
     for length in (reach, reach // 2, reach // 4):
         if length < _SHORTEST or length > x.size - 2 * reach:
             continue
-        window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
         bins = slice(max(round(low * length) - 1, 1), round(high * length) + 2)
-        starts = np.arange(0, x.size - length + 1, max(length // 4, 1))
-        starts = np.append(starts, [reach, x.size - length])
-        loudness = np.empty(starts.size)
-        for k, start in enumerate(starts.tolist()):
-            values = np.fft.rfft(x[start : start + length] * window)[bins]
-            loudness[k] = math.sqrt(float(np.sum(np.abs(values) ** 2)))
-        at_ends = (starts + length <= reach) | (starts >= x.size - reach)
-        between = float(np.max(loudness[(starts >= reach) & (starts + length <= x.size - reach)]))
-        loudest = float(np.max(loudness[at_ends]))
+        ends = np.concatenate([x[:reach], x[-reach:]]).reshape(2, reach)
+        loudest = max(_loudest_piece(end, length, bins) for end in ends)
+        between = _loudest_piece(x[reach : x.size - reach], length, bins)
         if loudest > 0.0:
             found = max(found, loudest / between if between > 0.0 else math.inf)
     return found
+
+
+def _loudest_piece(x: np.ndarray, length: int, bins: slice) -> float:
+    """Largest root of the summed squares of some bins over Hann-windowed pieces, half of one apart."""
+    window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
+    pieces = np.lib.stride_tricks.sliding_window_view(x, length)[:: length // 2]
+    last = x[None, x.size - length :]
+    rows = max(_AT_ONCE // length, 1)
+    groups = [last, *(pieces[k : k + rows] for k in range(0, len(pieces), rows))]
+    spectra = (np.fft.rfft(group * window, axis=1)[:, bins] for group in groups)
+    return math.sqrt(max(float(np.sum(np.abs(each) ** 2, axis=1).max()) for each in spectra))
 
 
 def _with_soft_ends(x: np.ndarray, reach: int) -> np.ndarray:

@@ -40,7 +40,7 @@ _FIRST = 3
 _PIECES_OF_LINES = 2, 3, 4, 6, 8
 """Into how many pieces a record is parted in which lines are looked at one by one."""
 _SIGMAS_OF_LINES = 2.0
-"""Deviations by which noise makes a line larger in one of them without a word on it."""
+"""Standard deviations of noise by which a line may be larger in one of them and still count as steady."""
 _BY_CHANCE = 1e-6
 """Probability with which noise of the floor's density makes more in one piece and band."""
 _SIGMAS = 5.0
@@ -113,7 +113,7 @@ class Excess:
         )
         if not self.certain:
             return (
-                f"for all that noise lets tell, the line {at} may be {self.times:.2g} times as large"
+                f"the noise does not exclude that the line {at} is {self.times:.2g} times as large"
                 f" between {self.start:.3g} and {self.stop:.3g} s (a longer record, or less noise)"
             )
         if self.times > 1.0:
@@ -296,7 +296,7 @@ def _power(pieces: np.ndarray, sample_rate: float) -> np.ndarray:
     samples.
     """
     length = pieces.shape[1]
-    window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
+    window = _hann(length)
     values = np.fft.rfft(pieces * window, axis=1)
     return 2.0 * np.abs(values) ** 2 / (length * np.sum(window**2))
 
@@ -358,31 +358,43 @@ def _lines_in_pieces(
     """Steady lines that are larger in a piece of the record than in all of it, by more than noise lets
     expect, each with the piece in which it is largest; ``rest`` (n,) is what the lines leave of the samples.
     """
-    largest: dict[int, Excess] = {}
+    found: dict[str, Excess] = {}
     for pieces in _PIECES_OF_LINES:
         length = rest.size // pieces
         if length < 4 * _BINS:
             break
-        duration = length / sample_rate
-        starts = np.arange(0, rest.size - length + 1, length // 2)
-        window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
-        pieces_of = np.lib.stride_tricks.sliding_window_view(rest, length)[starts]
-        values = np.fft.rfft(pieces_of * window, axis=1)
-        for number, line in enumerate(lines):
-            bin_of, band = round(line.frequency * duration), _band_of(line.frequency, bands)
-            if band is None or not _FIRST <= bin_of < values.shape[1] - _LOBE:
-                continue
-            own = _windowed_tone(line, bin_of, length, starts, sample_rate)
-            sizes = line.amplitude * np.abs(1.0 + values[:, bin_of] / own)
-            i = int(np.argmax(sizes))
-            scatter = math.sqrt(_WIDE * float(bands.floor[1, band]) / duration)
-            least = (1.0 + LINE_ERROR) * line.amplitude + _SIGMAS_OF_LINES * scatter
-            if sizes[i] > least and (
-                number not in largest or sizes[i] > math.sqrt(2.0) * largest[number].level
-            ):
-                begun = float(starts[i]) / sample_rate
-                largest[number] = _larger_line(line, float(sizes[i]), begun, duration)
-    yield from largest.values()
+        for line, larger in _larger_in_pieces(length, rest, sample_rate, lines, bands):
+            if line.name not in found or larger.level > found[line.name].level:
+                found[line.name] = larger
+    yield from found.values()
+
+
+def _larger_in_pieces(
+    length: int, rest: np.ndarray, sample_rate: float, lines: Sequence[Line], bands: _Bands
+) -> Iterator[tuple[Line, Excess]]:
+    """Lines that are larger in a piece of ``length`` samples, and the largest piece of each."""
+    duration = length / sample_rate
+    starts = np.arange(0, rest.size - length + 1, length // 2)
+    windows = np.lib.stride_tricks.sliding_window_view(rest, length)[starts]
+    values = np.fft.rfft(windows * _hann(length), axis=1)
+    for line in lines:
+        nearest, band = round(line.frequency * duration), _band_of(line.frequency, bands)
+        if band is None or not _FIRST <= nearest < values.shape[1] - _LOBE:
+            continue
+        own = _windowed_tone(line, nearest, length, starts, sample_rate)
+        sizes = line.amplitude * np.abs(1.0 + values[:, nearest] / own)
+        k = int(np.argmax(sizes))
+        scatter = math.sqrt(_WIDE * float(bands.floor[1, band]) / duration)
+        if sizes[k] > (1.0 + LINE_ERROR) * line.amplitude + _SIGMAS_OF_LINES * scatter:
+            yield (
+                line,
+                _larger_line(line, float(sizes[k]), float(starts[k]) / sample_rate, duration),
+            )
+
+
+def _hann(length: int) -> np.ndarray:
+    """A Hann window whose ends lie half a sample beyond the first and the last, (length,)."""
+    return np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
 
 
 def _band_of(frequency: float, bands: _Bands) -> int | None:
@@ -394,12 +406,12 @@ def _band_of(frequency: float, bands: _Bands) -> int | None:
 
 
 def _windowed_tone(
-    line: Line, bin_of: int, length: int, starts: np.ndarray, sample_rate: float
+    line: Line, number: int, length: int, starts: np.ndarray, sample_rate: float
 ) -> np.ndarray:
-    """Values in one bin of the Hann-windowed pieces (p,) of a steady line that begin with the samples
+    """Values in the bin of this ``number`` of the Hann-windowed pieces (p,) of a steady line that begin with the samples
     ``starts`` (p,).
     """
-    off = line.frequency * length / sample_rate - bin_of
+    off = line.frequency * length / sample_rate - number
     # sinc(d)/(1 - d^2) is the Hann window's transform, here no further than half a bin away
     tone = (
         0.25

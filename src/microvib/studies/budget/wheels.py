@@ -192,7 +192,7 @@ class WheelOnCraft:
         """Cycles per turn, ascending, (o,)."""
         return np.unique([h.order for h in self.wheel.harmonics])
 
-    @property
+    @cached_property
     def _parts(self) -> np.ndarray:
         """Loads by the square of the speed, each with a phase of its own, as they are where they go round
         forward, and backward, (2, p, o, 6).

@@ -7,7 +7,8 @@ import * as limit from "./limit.js";
 import { onUnits, shown } from "./measures.js";
 import * as runs from "./runs.js";
 
-const NO_LIMIT = "1e5 N*m"; // above every line: what is not judged against it was not looked at
+// The largest limit there is, above every line: a run that is not judged against it has lines that its record does not show.
+const NO_LIMIT = "1e5 N*m";
 const asking = latest();
 const place = h("div", { id: "ab-verdict", role: "status" });
 export { place };

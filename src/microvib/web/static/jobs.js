@@ -5,14 +5,17 @@
 import { getSurely } from "./api.js";
 
 const ENDED = ["done", "failed", "cancelled"];
-const AGAIN = 0.05; // of the time that the youngest computation has taken, for which an answer may wait for an end
+const PART = 0.05; // of the time that the youngest computation has taken: so long the server may wait for its end
 const WAITS = [100, 250]; // ms, least and most of it
 const GONE = { state: "gone", error: "The server no longer has this computation: it was restarted, or dropped it to make room for newer ones." };
 
 const followed = new Map();
 let asking = false;
 
-/** Follow a job to its end: {state: "done", result}, or {state: "failed", "cancelled" or "gone", error}. `onStep` gets each state on the way; `onDone` is called before the result has come. */
+/**
+ * Follow a job to its end: {state: "done", result}, or {state: "failed", "cancelled" or "gone", error}. `onStep` gets each state
+ * on the way; `onDone` is called when the job is done, before its result has come.
+ */
 export async function follow(id, onStep = () => {}, onDone = () => {}) {
   const end = await new Promise((resolve) => {
     followed.set(id, { onStep, resolve, since: performance.now() });
@@ -28,7 +31,7 @@ export async function follow(id, onStep = () => {}, onDone = () => {}) {
 }
 
 // One question for all jobs: a stream for each would use up the six connections that a browser's tabs share. The server answers
-// when one of them has ended, or has them wait no longer.
+// when one of them has ended, or after a moment with how far they are.
 async function ask() {
   if (asking) return;
   asking = true;
@@ -43,7 +46,7 @@ async function ask() {
 function waitFor() {
   const youngest = performance.now() - Math.max(...[...followed.values()].map(({ since }) => since));
   const [least, most] = WAITS;
-  return Math.round(Math.min(Math.max(AGAIN * youngest, least), most));
+  return Math.round(Math.min(Math.max(PART * youngest, least), most));
 }
 
 function step(id, job) {

@@ -199,10 +199,10 @@ export function deleted(id) {
 
 /** What the server says of a run's samples; a run that it has no more is gone from now on. */
 export async function ask(run, what, query, options) {
-  const question = asked(run, what, query);
+  const question = questionOf(run, what, query);
   if (LASTING.includes(what) && answers.has(question)) return answers.get(question);
-  const early = await foreseen.get(question);
-  if (early) return early;
+  const fetched = await prefetching.get(question);
+  if (fetched) return fetched;
   try {
     const answer = await get(`/api/runs/${run.id}/${what}`, query, options);
     if (LASTING.includes(what)) remember(question, answer);
@@ -213,16 +213,16 @@ export async function ask(run, what, query, options) {
   }
 }
 
-const asked = (run, what, query) => `${run.id} ${what} ${JSON.stringify(query)}`;
+const questionOf = (run, what, query) => `${run.id} ${what} ${JSON.stringify(query)}`;
 
-/** Ask for what will be drawn as soon as the result is there. */
-export function foresee(run, what, query) {
+/** Fetch what will be drawn as soon as the result is there. */
+export function prefetch(run, what, query) {
   const answer = ask(run, what, query).catch(() => null); // who draws it asks again, and hears why
-  const question = asked(run, what, query);
-  foreseen.set(question, answer.finally(() => foreseen.delete(question)));
+  const question = questionOf(run, what, query);
+  prefetching.set(question, answer.finally(() => prefetching.delete(question)));
 }
 
-const foreseen = new Map();
+const prefetching = new Map();
 
 // Samples of a run do not change: what was asked once, of runs that lie below a new one, is not asked again.
 const LASTING = ["spectrum", "series"];

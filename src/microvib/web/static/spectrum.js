@@ -81,7 +81,7 @@ function query(curves) {
   return { channel: view.channel, window: "hann", ...stretch(view.window), points: pointsFor(plot, curves), log: view.logX };
 }
 
-runs.onReady((run) => run.visible && runs.foresee(run, "spectrum", query(runs.shown().length + 1)));
+runs.onReady((run) => run.visible && runs.prefetch(run, "spectrum", query(runs.shown().length + 1)));
 
 /** Ask for what the window shows of each run, and draw it. */
 export async function update() {
