@@ -258,7 +258,7 @@ def test_the_verdict_on_all_bands_is_the_worst():
 
 def test_files_of_limits(tmp_path):
     file = tmp_path / "bands.csv"
-    file.write_text("low_hz,high_hz,limit_mn_m,limit_n,channel,comment\n1,10,4,,,a\n10,50,,2,Fx,\n")
+    file.write_text("LOW_HZ,High_Hz,Limit_mN_m,limit_n,channel,comment\n1,10,4,,,a\n10,50,,2,Fx,\n")
     first, second = read_band_limits(file)
     assert first == BandLimit(1.0, 10.0, 4e-3, "N*m")
     assert second == BandLimit(10.0, 50.0, 2.0, "N", "Fx")
@@ -269,6 +269,7 @@ def test_files_of_limits(tmp_path):
         ("low_hz,high_hz,limit_mnm\n1,10,4\n", "'limit_mnm' is not known"),
         ("low_hz,high_hz,limit_mn_m\n1,nan,4\n", "finite"),
         ("low_hz,limit_mn_m\n1,4\n", "high_hz is missing"),
+        ("low_hz,high_hz,limit_MN_m\n1,10,4\n", "limit_MN_m' has a prefix of 1e6 .mega.; limit_mn_m"),
     ):
         file.write_text(text)
         with pytest.raises(MicrovibError, match=sentence):

@@ -142,8 +142,8 @@ def dict_rows(
     Raises
     ------
     MicrovibError
-        Of this ``kind``, where the file cannot be read, a column is not known or there twice, or a row has more
-        cells than there are columns.
+        Of this ``kind``, where the file cannot be read, a column is not known, there twice or in mega where it is
+        read in milli, or a row has more cells than there are columns.
     """
     expected = _KnownColumns((*known, "comment"), tuple(needed), ignored, what)
     with _table_at(path, kind) as lines:
@@ -164,6 +164,12 @@ def _dict_rows(
     """Rows of the lines of a table called ``name``, by the names in its first line."""
     names = {known.lower(): known for known in expected.names}
     head, *rows = _cells(lines) or [[]]
+    for cell in head:
+        if _has_mega(cell.strip()) and cell.strip().lower() in names:
+            raise kind(
+                f"{name}: column {quoted_value(cell.strip())} has a prefix of 1e6 (mega);"
+                f" {names[cell.strip().lower()]} is in thousandths (milli), and no other is read"
+            )
     columns = [names.get(cell.strip().lower(), cell.strip()) for cell in head]
     rows = [row for row in rows if row]
     while columns and not columns[-1] and not _has_cells(rows, len(columns) - 1):
@@ -176,6 +182,11 @@ def _dict_rows(
                 f" {len(columns)} columns"
             )
     return [dict(zip(columns, [*row, *[""] * len(columns)], strict=False)) for row in rows]
+
+
+def _has_mega(heading: str) -> bool:
+    """Whether a unit in a heading that is not all in capitals begins with M, as MN in limit_MN_m does."""
+    return not heading.isupper() and bool(re.search(r"(?:^|_)M(?:N|g|rad|m|Hz)", heading))
 
 
 def _has_cells(rows: Sequence[Sequence[str]], first: int) -> bool:

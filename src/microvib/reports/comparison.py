@@ -280,7 +280,7 @@ def clock_sentence(a: Side, b: Side) -> str:
         agree = "their frequencies agree by construction"
         return f"{text}; {simulated[0]} was simulated at the recording's clock: {agree}."
     first, second = (float(s.clock_ratio or math.nan) for _, s in known)
-    return f"{text}; B is {1e6 * (second / first - 1.0):+.1f} ppm off A."
+    return f"{text}; B is {1e6 * (second / first - 1.0):+z.1f} ppm off A."
 
 
 def _facts(told: Sequence[Row], shown: Sequence[Row]) -> list[Fact]:

@@ -128,7 +128,7 @@ def _beside_reference(source: ModalSource) -> list[list[str]]:
     has_fractions = any(mode.fraction is not None for mode in reference)
     cells = []
     for mode, f in zip(reference, frequencies, strict=False):
-        row = [f"{mode.frequency:g}", f"{100 * (f / mode.frequency - 1):+.1f}"]
+        row = [f"{mode.frequency:g}", f"{100 * (f / mode.frequency - 1):+z.1f}"]
         if mode.fraction is not None:
             row.append(f"{mode.fraction:.3g}")
         elif has_fractions:
@@ -250,7 +250,7 @@ def _without_rope(design: StructureDesign, modes: Modes) -> list[Section]:
     without = solve_design(design.model_copy(update={"rope": None}), modes.frequency.size).frequency
     pairs = zip(modes.frequency, without, strict=True)
     rows = [
-        [str(k), f"{f:.5g}", f"{g:.5g}", f"{100 * (g / f - 1):+.3f}"]
+        [str(k), f"{f:.5g}", f"{g:.5g}", f"{100 * (g / f - 1):+z.3f}"]
         for k, (f, g) in enumerate(pairs, 1)
     ]
     text = "The same without the suspension rope, whose mass is in neither."

@@ -110,7 +110,7 @@ def _decision(found: QuietDrive) -> str:
 def _change(before: float, after: float) -> str:
     if not (0.0 < before < math.inf and 0.0 < after < math.inf):
         return ""
-    return f" ({20.0 * math.log10(after / before):+.1f} dB)"
+    return f" ({20.0 * math.log10(after / before):+z.1f} dB)"
 
 
 def _absent(*figures: float) -> str:
