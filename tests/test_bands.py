@@ -269,7 +269,10 @@ def test_files_of_limits(tmp_path):
         ("low_hz,high_hz,limit_mnm\n1,10,4\n", "'limit_mnm' is not known"),
         ("low_hz,high_hz,limit_mn_m\n1,nan,4\n", "finite"),
         ("low_hz,limit_mn_m\n1,4\n", "high_hz is missing"),
-        ("low_hz,high_hz,limit_MN_m\n1,10,4\n", "limit_MN_m' has a prefix of 1e6 .mega.; limit_mn_m"),
+        (
+            "low_hz,high_hz,limit_MN_m\n1,10,4\n",
+            "limit_MN_m' has a prefix of 1e6 .mega.; limit_mn_m",
+        ),
     ):
         file.write_text(text)
         with pytest.raises(MicrovibError, match=sentence):

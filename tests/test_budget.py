@@ -38,6 +38,7 @@ from microvib.studies.budget.cases import with_craft_of_cases, with_nominal_craf
 from microvib.studies.budget.figures import evaluate_metric
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.side_lines import Anywhere
 from microvib.studies.budget.sources import (
     BLOCKED_LOAD_UNCERTAINTY,
     Contribution,
@@ -1028,6 +1029,28 @@ def test_a_curve_limits_each_line() -> None:
     )
     gap = open_gap("line_9 (not separable)", 20.0, 20.0)
     assert assess(r, [source("a", (10.0, 0.09, 0.0), gaps=(gap,))], "rss").verdict == "not judged"
+
+
+@pytest.mark.parametrize(
+    "band", [{"lowest": "5 Hz"}, {"highest": "0.05 Hz"}, {"lowest": "2 Hz", "highest": "9 Hz"}]
+)
+def test_a_curve_that_has_nothing_in_the_band_is_refused(band: dict[str, str]) -> None:
+    points = [{"frequency": f, "amplitude": "1 urad"} for f in ("0.1 Hz", "2 Hz")]
+    with pytest.raises(
+        ValueError, match=r"its points, 0\.1 to 2 Hz, are outside of lowest and highest"
+    ):
+        Requirement.model_validate({"curve": points} | band)
+
+
+def test_motion_of_any_frequency_adds_nothing_to_a_curve_below_its_frequencies() -> None:
+    points = [{"frequency": f, "amplitude": "1 urad"} for f in ("0.1 Hz", "2 Hz")]
+    f = np.array([3.0, 5.0, 9.0])
+    anywhere = Anywhere("", f, np.full((3, 2), URAD))
+    assert anywhere.largest(Requirement(curve=points)) == 0.0
+    assert (
+        anywhere.largest(Requirement(curve=[*points, {"frequency": "4 Hz", "amplitude": "1 urad"}]))
+        > 1.0
+    )
 
 
 def test_the_text_ends_with_the_verdicts_within_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:

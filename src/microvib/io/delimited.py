@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from microvib.io.csv_cells import unescape_formula
-from microvib.io.measured import Column, Hints, names_factor, recording_of, stated_rates
+from microvib.io.measured import Column, Hints, recording_of, stated_rates
+from microvib.io.stated_scales import LONGEST_REMARK, names_factor
 from microvib.io.timestamps import in_seconds
-from microvib.testdata.channels import as_load, is_unit, named_unit, yaml_quoted
+from microvib.testdata.channels import is_unit, named_unit, yaml_quoted
 from microvib.testdata.recording import Recording, RecordingError
 
 MIN_ROWS = 8
@@ -30,7 +31,6 @@ _RATE = re.compile(
     rf"(\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)\W*(?:{_HERTZ})?\W*",
     re.IGNORECASE,
 )
-LONGEST_SAID = 200  # characters of a line on top that may say a number
 _SAID = re.compile(
     r"\W*([A-Za-z_]\w*(?:[ /-]\w+){0,5}) ?(?:[\[(]([^\])]{0,20})[\])])?[:=;,\t]"
     r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?) ?([^;,\t]{0,30}?)\W*"
@@ -40,32 +40,6 @@ _SAID_WITH_BLANK = re.compile(
     r"\W*([A-Za-z_]\w*(?:[ /-][A-Za-z]\w*){0,5}) ()([+-]?[\d.,]+(?:[eE][+-]?\d+)?) ?([^;,\t]{0,30}?)\W*"
 )
 """One that only a blank parts, such as ``Amplifier gain 10``, of factors alone."""
-_LOAD_UNIT = re.compile(
-    r"(?<![A-Za-z0-9/])(?<!\d )([kMmunµμ]?N(?:[ *·.-]?[cm]?m)?|lbf?[ .*-]?(?:in|ft)|kgf?[ .*-]?c?m)(?![A-Za-z])"
-)
-"""Unit of a load that stands by itself, as in ``Units: kN m``, and not behind a number."""
-_VOLTS_PER = re.compile(r"(?<![A-Za-z])[munµμ]?V ?(?:/|per )|(?:/|per ) ?[munµμ]?V(?![A-Za-z])")
-_THOUSAND = re.compile(
-    r"(?<![\d:/-])(?<!\d[.,])(?:1000|1[.,]?0?[eE][+-]?0?[36]|0[.,]001|10\^-?[36])(?![\d:/-]|[.,]\d)"
-)
-"""A thousand or a thousandth, which a prefix of a unit stands for."""
-_ONE = re.compile(r"\D*[:=;,\t ] *[01](?:[.,]0*)?\W*")
-"""A factor that leaves samples as they are."""
-_SCALES = re.compile(
-    r"divi[ds]|teil(er|t)|pre.?amp|coeff|koeff|konstant|constant|umrechn|exponent|normali|fa[ck]t|steigung|slope"
-    r"|ratio\b|verh(ä|ae)ltnis|per unit|kilo|milli|multipl|scal(e|ing)|skal|(?<![a-z])dB(?![a-z])",
-    re.IGNORECASE,
-)
-"""Words of a remark that may be about the scale of samples. It is free text: ``names_factor`` has those of
-names that a number follows.
-"""
-_SCALES_NOTHING = re.compile(
-    r"sampl|abtast|point|punkt|block|line|row|record|count|number|anzahl|nummer|channel|kanal|average|mittel|mittl|"
-    r"test|run\b|order|ordnung|time|zeit|date|datum|serial|version|speed|drehzahl|rate|range|bereich|span|duration|dauer"
-    r"|full|operator|comment|filter|frequen|gear|getriebe|reducer|inertia|damping",
-    re.IGNORECASE,
-)
-"""Words of a remark whose number is of something else."""
 _THOUSANDS = re.compile(r"\d{1,3}([.,])\d{3}")
 
 
@@ -152,7 +126,6 @@ def _columns(header: _Header, data: np.ndarray, top: Sequence[str], decimal: str
     said = _header_values(top, decimal)
     rates = _rates(top, decimal) or stated_rates(said)
     above = top[:-1] if header.is_in_file else top
-    remark = next((line for line in above if _may_scale(line, header.units)), "")
     in_brackets = header.in_brackets or [""] * len(header.names)
     return [
         Column(
@@ -162,7 +135,7 @@ def _columns(header: _Header, data: np.ndarray, top: Sequence[str], decimal: str
             rates,
             scales=said,
             units={"in its header": own} if own else {},
-            remark=remark,
+            remarks=tuple(above),
         )
         for name, values, unit, own in zip(
             header.names, data.T, header.units, in_brackets, strict=True
@@ -362,7 +335,7 @@ def _header_values(top: Sequence[str], decimal: str) -> dict[str, str]:
     """
     found = {}
     for line in top:
-        if len(line) > LONGEST_SAID:
+        if len(line) > LONGEST_REMARK:
             continue
         plain = re.sub(r" ?([:=;,\t]) ?", r"\1", re.sub(r'[ "]+', " ", line.strip()))
         said = _SAID.fullmatch(plain)
@@ -378,28 +351,6 @@ def _header_values(top: Sequence[str], decimal: str) -> dict[str, str]:
             f"{said[3].replace(',', '.')} {said[4].strip(' []()') or said[2] or ''}".strip()
         )
     return found
-
-
-def _may_scale(line: str, units: Sequence[str]) -> bool:
-    """Whether a line on top may say that samples are to be multiplied, or are in another unit than
-    ``units``, those of the columns.
-    """
-    if len(line) > LONGEST_SAID:
-        return False
-    if any(_is_another_unit(unit, units) for unit in _LOAD_UNIT.findall(line)):
-        return True
-    if _VOLTS_PER.search(line):
-        return True
-    if _SCALES_NOTHING.search(line) or _ONE.fullmatch(line):
-        return False
-    return bool(_THOUSAND.search(line) or _SCALES.search(line))
-
-
-def _is_another_unit(said: str, units: Sequence[str]) -> bool:
-    """Whether a unit of loads is of the kind of some of the columns' ``units``, and none of them."""
-    given, own = as_load(f"1 {said}"), [as_load(f"1 {unit}") for unit in units]
-    alike = [one for one in own if one is not None and given is not None and one[1] == given[1]]
-    return bool(alike) and given not in alike
 
 
 def _rates(top: Sequence[str], decimal: str) -> dict[str, float]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 import logging.handlers
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -49,11 +49,18 @@ def _read_netcdf(path: Path, hints: Hints) -> Recording:
                 str(x.attribute("units") or ""),
                 rates,
                 scales=_not_of_the_convention(x),
+                remarks=_netcdf_remarks(root, x),
             )
             for name, x in variables.items()
             if len(x.shape) == 1 and x.shape[0] > 1
         ]
     return recording_of(_torque_of_motion(columns), hints, mixed=True)
+
+
+def _netcdf_remarks(root: Group, x: Dataset) -> tuple[str, ...]:
+    """Free texts about a variable, and about the file."""
+    texts = [x.attribute("long_name"), *(root.attribute(name) for name in _NETCDF_TEXTS)]
+    return tuple(text for text in texts if isinstance(text, str))
 
 
 def _is_variable(x: Group | Dataset) -> TypeGuard[Dataset]:
@@ -93,6 +100,7 @@ def _not_of_the_convention(x: Dataset) -> dict[str, Any]:
 
 
 _RATE_ATTRIBUTES = ("fs", "sample_rate", "sample_rate_hz", "sampling_frequency")
+_NETCDF_TEXTS = ("title", "comment", "summary", "description")
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 
 
@@ -137,9 +145,9 @@ def _read_tdms(path: Path, hints: Hints) -> Recording:
         for c in numeric:
             if len(c):
                 clock = (times.get(c.path, first) - first) / np.timedelta64(1, "s")
-                columns.append(
-                    replace(_tdms_column(c, names.count(c.name) > 1), clock=float(clock))
-                )
+                column = _tdms_column(c, names.count(c.name) > 1)
+                around = [file, file[c.group_name]]
+                columns.append(replace(_with_said_around(column, around), clock=float(clock)))
         return recording_of(columns, hints)
 
 
@@ -176,18 +184,38 @@ def _tdms_column(channel: Any, grouped: bool) -> Column:
     if "wf_increment" in said and not is_time(channel.name):
         axis = _waveform_axis(said)
     rates = stated_rates({k: v for k, v in said.items() if not k.startswith("wf_")})
-    scales = {k: v for k, v in said.items() if not k.startswith(("wf_", "NI_"))}
     values = np.asarray(channel[:], dtype=float)
-    units = _tdms_units(channel)
+    units = {f"in its {key}": unit for key, unit in _tdms_units(channel).items()}
     unit = next(iter(units.values()), "")
-    return Column(name, values, unit, rates, axis=axis, scales=scales, units=units)
+    return Column(name, values, unit, rates, axis=axis, scales=_tdms_scales(channel), units=units)
 
 
-def _tdms_units(channel: Any) -> dict[str, str]:
-    """Units that the properties of a channel say, by where they stand."""
+def _with_said_around(column: Column, around: Sequence[Any]) -> Column:
+    """A channel with the units, factors and texts that its file and its group have."""
+    scales: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    for holder, what in zip(around, ("file", "group"), strict=True):
+        scales |= _tdms_scales(holder)
+        units |= {f"in {key} of its {what}": unit for key, unit in _tdms_units(holder).items()}
+    unit = column.unit or next(reversed(units.values()), "")
+    scales |= column.scales
+    return replace(column, unit=unit, scales=scales, units=dict(column.units) | units)
+
+
+def _tdms_scales(holder: Any) -> dict[str, Any]:
+    """Numbers and texts among the properties of a file, a group or a channel, but for those of LabVIEW's waveforms."""
     return {
-        f"in its {key}": str(value).strip()
-        for key, value in channel.properties.items()
+        name: value
+        for name, value in holder.properties.items()
+        if isinstance(value, (str, int, float, np.number)) and not name.startswith(("wf_", "NI_"))
+    }
+
+
+def _tdms_units(holder: Any) -> dict[str, str]:
+    """Units that the properties of a file, a group or a channel say, by property."""
+    return {
+        key: str(value).strip()
+        for key, value in holder.properties.items()
         if key.lower() in _TDMS_UNITS and str(value).strip()
     }
 
@@ -204,7 +232,15 @@ def _waveform_axis(said: dict[str, Any]) -> Axis:
     )
 
 
-_TDMS_UNITS = ("unit_string", "unit", "units", "ni_unitdescription", "engineering_units")
+_TDMS_UNITS = (
+    "unit_string",
+    "unit",
+    "units",
+    "ni_unitdescription",
+    "engineering_units",
+    "eu",
+    "einheit",
+)
 READERS: dict[str, Reader] = {
     ".uff": read_uff,
     ".unv": read_uff,

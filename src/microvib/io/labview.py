@@ -4,8 +4,8 @@ its channels.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,8 @@ from microvib.testdata.recording import Recording, RecordingError
 
 _END = "***End_of_Header***"
 _AXES_OF = {"no": 0, "one": 1}
+_REMARKS = ("Description", "Notes", "Comment", "Test_Name", "Project", "Y_Dimension")
+"""Keys of free texts."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,17 @@ def read_labview(path: Path, hints: Hints) -> Recording:
     decimal = (file.get("Decimal_Separator") or ["."])[0].strip() or "."
     segment = _segment(lines[ends[0] + 1 :], separator, decimal)
     shared = _AXES_OF.get((file.get("X_Columns") or ["One"])[0].strip().lower())
-    return recording_of(_columns(segment, shared), hints)
+    remarks = tuple(_remarks(file))
+    columns = [replace(c, remarks=(*remarks, *c.remarks)) for c in _columns(segment, shared)]
+    return recording_of(columns, hints)
+
+
+def _remarks(said: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Free texts of a header."""
+    for key in _REMARKS:
+        text = " ".join(said.get(key, ())).strip()
+        if text:
+            yield f"{key}: {text}"
 
 
 def _separator(top: Sequence[str]) -> str:
@@ -134,7 +146,14 @@ def _column(
         step = float(x[size - 1] - x[0]) / (size - 1)
         if axis is None or abs(step / axis.step - 1.0) > 1e-3:
             time = Column("X_Value", x[:size], _axis_unit(own))
-    return Column(name, values[:size], own.get("Y_Unit_Label", ""), time=time, axis=axis)
+    return Column(
+        name,
+        values[:size],
+        own.get("Y_Unit_Label", ""),
+        time=time,
+        axis=axis,
+        remarks=tuple(_remarks({key: [cell] for key, cell in own.items()})),
+    )
 
 
 def _even_axis(own: dict[str, str]) -> Axis | None:

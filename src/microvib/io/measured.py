@@ -12,10 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from microvib.io.stated_scales import (
+    NOT_SCALED,
+    QUANTITY,
+    is_factor,
+    name_may_scale,
+    names_scale,
+    remark_may_scale,
+)
 from microvib.model.rigid import COMPONENTS
 from microvib.testdata.channels import (
     COUNTS,
-    as_load,
+    as_measured,
     is_time,
     load_in_name,
     named_unit,
@@ -49,31 +57,11 @@ STEPS = re.compile(
 )
 """Names of the step of an axis."""
 _NAMED_UNIT = re.compile(r"(.+?)_(k?hz|[munµ]?s|sec|msec|usec)", re.IGNORECASE)
-_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _SPECTRAL = re.compile(
     r"(?-i:f)|f_?axis|freq\w*|frequen\w*|fr[eé]quence\w*|frequenz\w*|k?hz|orders?|ordnung(en)?",
     re.IGNORECASE,
 )
 """Names of what spectra are given over."""
-_SCALE = re.compile(
-    r"sensi|lsb|resolu|aufl(oe|ö)s|factor|faktor|calib|kalib|convers|scal(e|ing)|skal|gain|slope|steigung|offset|multip"
-)
-_SCALE_STARTS = re.compile(
-    r"sens|res|fact|conv|cal|kal|scl|amp(l|s?_?per)|verst|mult|bias|zero|quant|coef|koef|poly|empf|full|fs[rv]|range|span|bits?\b"
-    r"|volts?per|(eu|units?|n|nm)per|vrange"
-)
-"""Words in, or at the start of, the names of scale factors of converter counts."""
-_FACTOR = re.compile(
-    r"sensi|empfind|scal(e|ing)|skal|gain|verst(ae|ä)rk|amplif|fa[ck]tor|multip|calib|kalib|convers|(units?|eu|n|nm)per"
-)
-"""Words in the names of factors that turn samples, also decimals, into a unit."""
-_NO_FACTOR = re.compile(
-    r"full|range|time|zeit|dat(e|um)|due|number|nummer|serial|version|interval|year|valid|crest|decim|oversampl|averag"
-    r"|uncertain|error|safety|damp|quality|power|certific|type|mode|(x|nr|no|id|lab)$"
-)
-"""Words, at the start of which a name is of no such factor."""
-_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüé]+|\d+")
-_NOT_SCALED = re.compile(r"[01](\.0*)?")
 
 
 @dataclass(frozen=True)
@@ -121,7 +109,8 @@ class Column:
     """
     units: Mapping[str, str] = field(default_factory=dict)
     """Further units that the file gives, by where they stand."""
-    remark: str = ""  # what the file says that may scale the samples, or give them another unit
+    remarks: tuple[str, ...] = ()
+    """Free texts of the file about its channels: lines above columns, comments, descriptions."""
     field: str = ""  # where the samples are in the file, if that is not the name
     unfit: str = ""  # why it is no time history, where it is none
 
@@ -161,7 +150,7 @@ def _scalar(given: Any, unit: str, wanted: str) -> float | None:
     one; None if it is neither.
     """
     if isinstance(given, str):
-        found = _QUANTITY.fullmatch(
+        found = QUANTITY.fullmatch(
             given.replace(",", ".") if given.count(",") == 1 and "." not in given else given
         )
         if found is None:
@@ -213,7 +202,8 @@ def recording_of(
     _check_alike(channels, [column for column in named if id(column) not in used], rate, said)
     said += [note for channel in channels for note in _integer_notes(channel, hints)]
     said += [note for channel in channels for note in _not_a_number_notes(channel)]
-    lost = tuple(band for channel in channels for band in _uncertain_scale(channel, hints))
+    units = [channel.unit for channel in channels]
+    lost = tuple(band for channel in channels for band in _uncertain_scale(channel, units, hints))
     said += [band.why for band in lost]
     return Recording(
         {channel.name: channel.values for channel in channels},
@@ -258,7 +248,7 @@ def _check_lengths(columns: list[Column]) -> None:
 def _integer_notes(channel: Column, hints: Hints) -> Iterator[str]:
     """A question where all samples of a load are whole numbers, and no scale is given."""
     scaled = re.match(r"\s*[+-]?[\d.]", hints.units.get(channel.name, ""))
-    if as_load(f"1 {channel.unit}") is None or scaled or not _integer_valued(channel.values):
+    if as_measured(f"1 {channel.unit}") is None or scaled or not _integer_valued(channel.values):
         return
     yield (
         f"channel {channel.name} contains only integers: are these {channel.unit}, or counts of a"
@@ -266,22 +256,18 @@ def _integer_notes(channel: Column, hints: Hints) -> Iterator[str]:
     )
 
 
-def _uncertain_scale(channel: Column, hints: Hints) -> Iterator[UnusableBand]:
-    """Band in which a load is uncertain: all, where its file has a factor that its samples may hold already."""
+def _uncertain_scale(channel: Column, units: Sequence[str], hints: Hints) -> Iterator[UnusableBand]:
+    """Band in which what is measured is uncertain: all, where its file says something that may concern its
+    scale, and the preparation does not say what the samples are in.
+    """
     decided = channel.name in hints.units or channel.name in hints.sensitivity
     unwanted = hints.channels and channel.name not in hints.channels
-    if decided or unwanted or as_load(f"1 {channel.unit}") is None:
+    if decided or unwanted or as_measured(f"1 {channel.unit}") is None:
         return
-    found = next((x for x in channel.scales.items() if _is_factor(*x)), None)
+    said = _of_uncertain_scale(channel, units)
+    if not said:
+        return
     key, unit = yaml_quoted(channel.name), channel.unit.strip().strip("[]").strip()
-    if found is not None:
-        name, value = found
-        shown = value if isinstance(value, str) else f"{float(np.ravel(value)[0]):.6g}"
-        said = f"'{name}: {shown[:40]}', and not whether the samples of {channel.name} are already multiplied by it"
-    elif channel.remark:
-        said = f"'{channel.remark[:60]}' above its columns, which may scale the samples of {channel.name}"
-    else:
-        return
     yield UnusableBand(
         0.0,
         math.inf,
@@ -291,27 +277,22 @@ def _uncertain_scale(channel: Column, hints: Hints) -> Iterator[UnusableBand]:
     )
 
 
-def _is_factor(name: str, value: Any) -> bool:
-    """Whether what stands beside samples may be a factor on them, and is none that leaves them as they
-    are.
-    """
-    if not names_factor(name):
-        return False
-    if isinstance(value, str):
-        number = _QUANTITY.fullmatch(value)
-        if number is None or _NOT_SCALED.fullmatch(value.strip()):
-            return False
-        return float(number[1]) != 0.0
-    numbers = np.ravel(np.asarray(value))
-    return bool(
-        numbers.size and numbers.dtype.kind in "fiu" and np.any((numbers != 0) & (numbers != 1))
-    )
-
-
-def names_factor(name: str) -> bool:
-    """Whether a number of this name may be a factor on samples, whole or not."""
-    words = [word.lower() for word in _WORDS.findall(name.rsplit(".", 1)[-1])]
-    return bool(_FACTOR.search("".join(words))) and not any(map(_NO_FACTOR.match, words))
+def _of_uncertain_scale(channel: Column, units: Sequence[str]) -> str:
+    """What a file says that may concern the scale of a channel, as a clause; empty where nothing does."""
+    for name, value in channel.scales.items():
+        if is_factor(name, value):
+            shown = value if isinstance(value, str) else f"{float(np.ravel(value)[0]):.6g}"
+            return (
+                f"'{name}: {shown[:40]}', and not whether the samples of {channel.name} are already"
+                " multiplied by it"
+            )
+    if name_may_scale(channel.name):
+        return f"'{channel.name[:60]}', a name which may be of scaled samples"
+    texts = [f"{name}: {value}" for name, value in channel.scales.items() if isinstance(value, str)]
+    for remark in (*channel.remarks, *texts):
+        if remark_may_scale(remark, units):
+            return f"'{remark.strip()[:60]}', which may scale the samples of {channel.name}"
+    return ""
 
 
 def _not_a_number_notes(channel: Column) -> Iterator[str]:
@@ -484,20 +465,13 @@ def _unscaled_counts(column: Column, hints: Hints) -> str:
     )
 
 
-def names_scale(name: str) -> bool:
-    """Whether a number of this name may be what turns a converter's counts into a unit."""
-    words = [word.lower() for word in _WORDS.findall(name.rsplit(".", 1)[-1])]
-    whole = "".join(words)
-    return bool(_SCALE.search(whole)) or any(_SCALE_STARTS.match(word) for word in (*words, whole))
-
-
 def _scale_attribute(column: Column) -> tuple[str, Any] | None:
     """First of what stands beside the samples that may be their scale."""
     for name, value in column.scales.items():
         if not names_scale(name):
             continue
         if isinstance(value, str):
-            if re.search(r"\d", value) and not _NOT_SCALED.fullmatch(value.strip()):
+            if re.search(r"\d", value) and not NOT_SCALED.fullmatch(value.strip()):
                 return name, value
             continue
         numbers = np.ravel(np.asarray(value))

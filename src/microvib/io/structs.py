@@ -10,7 +10,8 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from microvib.io.measured import STEPS, Axis, Column, names_scale, stated_rates
+from microvib.io.measured import STEPS, Axis, Column, stated_rates
+from microvib.io.stated_scales import names_scale
 from microvib.testdata.channels import as_load, is_time, named_unit, seconds_per
 
 _VALUES = ("values", "value", "data", "samples", "signal", "signals", "y", "ydata")
@@ -25,7 +26,7 @@ _NAMES = (
     "signalname",
     "signalnames",
 )
-_UNITS = ("units", "unit", "unitstring", "eu", "engunits", "yunit", "yunits")
+_UNITS = ("units", "unit", "unitstring", "eu", "engunits", "yunit", "yunits", "einheit")
 _TRANSPARENT_FIELDS = (
     "header", "info", "properties", "quantity", "functionrecord", "abscissa", "ordinate", "unittransformation", "meta",
 )  # fmt: skip
@@ -121,6 +122,8 @@ class _StructContext:
     time: Column | None = None
     axis: Axis | None = None
     scales: Mapping[str, Any] = field(default_factory=dict)
+    unit: str = ""
+    """Unit that the enclosing struct has for this one, in a field such as Mz_unit beside Mz."""
 
     def column(self, name: str, values: np.ndarray, unit: str, where: str) -> Column:
         """A channel whose samples are ``where`` in the file; the time axis is its own if it is as
@@ -179,7 +182,7 @@ class _Struct:
             units = self.units or [self.unit_of.get(key, "")]
             yield from _matrix(where, values, self.names, units, around)
         else:
-            said = self._units(key)
+            said = self._units(key, around.unit)
             own = next(iter(said.values()), "")
             yield replace(around.column(self._label(key), values, own, where), units=said)
 
@@ -194,13 +197,15 @@ class _Struct:
             return self.names[0] or self.name
         return self.name
 
-    def _units(self, key: str) -> dict[str, str]:
-        """Units of a channel by where the struct says them; the first counts."""
+    def _units(self, key: str, beside: str) -> dict[str, str]:
+        """Units of a channel by where the struct, or a field ``beside`` it, says them; the first counts."""
         said = {"in a field of its own": self.unit_of.get(key, "")}
         if key in self.names and len(self.units) == len(self.names):
             said["in the list of units"] = self.units[self.names.index(key)]
         elif len(self.units) == 1 and (self._holds_values(key) or len(self.channels) == 1):
             said["in the struct's unit"] = self.units[0]
+        if self._holds_values(key) or len(self.channels) == 1:
+            said["in a field beside the struct"] = beside
         return {where: unit for where, unit in said.items() if unit}
 
 
@@ -285,7 +290,7 @@ def _with_what_is_said(
         del said[step]
     rates = stated_rates({at + key: value for key, value in said.items() if value is not None})
     scales = {**around.scales, **_small(at, fields, channels)}
-    return _StructContext({**around.rates, **rates}, around.time, axis, scales)
+    return _StructContext({**around.rates, **rates}, around.time, axis, scales, around.unit)
 
 
 def _text_or_number(value: Any) -> str | float | None:
@@ -540,15 +545,17 @@ def _stacked(item: tuple[str, Any]) -> tuple[str, np.ndarray | None]:
 def _nested_columns(
     at: str, fields: Mapping[str, Any], around: _StructContext, depth: int
 ) -> Iterator[Column]:
+    units = _unit_fields(fields)
     for key, value in fields.items():
         if isinstance(value, list):
             several = value
         else:
             several = [value]
+        of_this = replace(around, unit=units.get(key, ""))
         for k, item in enumerate(several):
             if isinstance(item, Mapping) and _word(key) not in _UNITS:
                 inner = f"{at}{key}" + (f"({k + 1})" if len(several) > 1 else "")
-                yield from _scope(inner, _joined(_paired(dict(item))), around, depth + 1)
+                yield from _scope(inner, _joined(_paired(dict(item))), of_this, depth + 1)
 
 
 def _matrix(

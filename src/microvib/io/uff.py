@@ -50,6 +50,8 @@ class _Dataset:
     reference_unit: str
     along_z: float
     values: np.ndarray
+    remarks: tuple[str, ...] = ()
+    """Lines of its header that are free text, behind the first."""
 
     @property
     def complex(self) -> bool:
@@ -192,8 +194,10 @@ def _column(s: _Dataset, name: str) -> Column:
     if unfit:
         return Column(name, np.real(values), s.unit, unfit=unfit)
     if s.even:
-        return Column(name, values, s.unit, axis=Axis("abscissa", s.step, s.start, unit, label))
-    return Column(name, values, s.unit, time=Column("abscissa", s.values[::2][: s.points], unit))
+        axis, time = Axis("abscissa", s.step, s.start, unit, label), None
+    else:
+        axis, time = None, Column("abscissa", s.values[::2][: s.points], unit)
+    return Column(name, values, s.unit, time=time, axis=axis, remarks=s.remarks)
 
 
 def _datasets(data: bytes) -> Iterator[_Dataset]:
@@ -302,6 +306,7 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
             _label(per, 46),
             along_z,
             values,
+            tuple(filter(None, map(str.strip, [*header[1:5], _label(y, 25)]))),
         ),
         at,
     )

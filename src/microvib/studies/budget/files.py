@@ -141,6 +141,12 @@ class Requirement(Part):
             yield "curve: two points or more with ascending frequencies are expected"
         if self.metric != "ape" or self.percentile is not None:
             yield "curve: is of the amplitudes of lines; metric, window and percentile do not go with it"
+        top = math.inf if self.highest is None else self.highest
+        if steps and (steps[-1] <= self.lowest or steps[0] >= top):
+            yield (
+                f"curve: its points, {steps[0]:g} to {steps[-1]:g} Hz, are outside of lowest and highest,"
+                f" {self.lowest:g} to {top:g} Hz, so that nothing would be judged; move one of them"
+            )
 
     @cached_property
     def allowed(self) -> LimitCurve:

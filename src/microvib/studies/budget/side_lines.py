@@ -107,6 +107,8 @@ class Anywhere:
         as part of it.
         """
         at, squares = self._in_band(r)
+        if not at.size:
+            return 0.0
         if r.curve is not None:
             least = _over_neighbours(r.allowed.at(at), np.minimum)
             return float(np.max(np.sqrt(squares) / least, initial=0.0))
