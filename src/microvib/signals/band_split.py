@@ -10,6 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
+from microvib.signals.band_ends import loudness_of_ends
+
 REJECTION = 60.0
 """Decibels by which a filter rejects what is beyond its roll-off."""
 LEAK = 10.0 ** (-REJECTION / 20.0)
@@ -18,10 +20,6 @@ _MARGIN = 16
 """Samples at both ends beside those that are looked at; interpolation takes ten."""
 _FINE = 16.0
 """Samples per cycle of the highest frequency from which a peak is taken."""
-_SHORTEST = 8
-"""Samples of a piece by which the ends of a record are compared with the rest, at least."""
-_AT_ONCE = 1_000_000
-"""Samples of such pieces that are transformed together, in little memory."""
 WIDEST = 0.2
 """Roll-off, over the frequency of the edge, where the band is wide enough for it."""
 
@@ -132,39 +130,12 @@ def split_band(
     top = min(high * (1.0 + roll_off) / rate, 0.5)
     leak = LEAK * float(np.max(np.abs(x)))
     margin = min(reach, _MARGIN)
+    passing = (low * (1.0 - roll_off) / rate, high * (1.0 + roll_off) / rate)
     longer = slice(reach - margin, x.size - reach + margin)
     return BandHistory(
         reach, y[kept], inner[kept], envelope[kept], leak, top, (y[longer], inner[longer]), margin,
-        _loudness_of_ends(x, reach, low / rate, high / rate),
+        loudness_of_ends(x, reach, y[kept], nominal, passing),
     )  # fmt: skip
-
-
-def _loudness_of_ends(x: np.ndarray, reach: int, low: float, high: float) -> float:
-    """RMS in the band, ``low`` to ``high`` over the sample rate, of the loudest piece within ``reach`` of
-    the record's ends over that of the loudest between, for pieces of some lengths; at least 1.
-    """
-    found = 1.0
-    for length in (reach, reach // 2, reach // 4):
-        if length < _SHORTEST or length > x.size - 2 * reach:
-            continue
-        bins = slice(max(round(low * length) - 1, 1), round(high * length) + 2)
-        ends = np.concatenate([x[:reach], x[-reach:]]).reshape(2, reach)
-        loudest = max(_loudest_piece(end, length, bins) for end in ends)
-        between = _loudest_piece(x[reach : x.size - reach], length, bins)
-        if loudest > 0.0:
-            found = max(found, loudest / between if between > 0.0 else math.inf)
-    return found
-
-
-def _loudest_piece(x: np.ndarray, length: int, bins: slice) -> float:
-    """Largest root of the summed squares of some bins over Hann-windowed pieces, half of one apart."""
-    window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
-    pieces = np.lib.stride_tricks.sliding_window_view(x, length)[:: length // 2]
-    last = x[None, x.size - length :]
-    rows = max(_AT_ONCE // length, 1)
-    groups = [last, *(pieces[k : k + rows] for k in range(0, len(pieces), rows))]
-    spectra = (np.fft.rfft(group * window, axis=1)[:, bins] for group in groups)
-    return math.sqrt(max(float(np.sum(np.abs(each) ** 2, axis=1).max()) for each in spectra))
 
 
 def _with_soft_ends(x: np.ndarray, reach: int) -> np.ndarray:
