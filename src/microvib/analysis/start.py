@@ -5,8 +5,9 @@ its array turns.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from microvib.model.line_names import CONTROL_MODE, LineName
@@ -165,6 +166,8 @@ the gear (tests/test_slow_variations.py).
 """
 VARIATION_FACTOR = 4.0
 """Times that they may be larger at most; assumed."""
+_START_CYCLES = 3.0
+"""Cycles of the slowest mode within which a shaped start is over, whatever its steps."""
 _ONSET_EFOLDINGS = 1.0
 """e-foldings of the slowest mode before which what rings may keep lines from what they last with."""
 
@@ -235,23 +238,53 @@ def _short_record_gap(scenario: Scenario, duration: float) -> RecordGap | None:
 
 
 def unseen_rates_gap(scenario: Scenario) -> RecordGap | None:
-    """Reason why a record at one rate does not show the lines of a profile that holds others; None
-    where it holds none.
+    """Reason why a record at one rate does not show what a profile makes at others, or while the rate
+    changes; None where it commands nothing else.
 
-    Ramps, and legs that last less than a cycle of the slowest mode, are parts of a start or a stop,
-    as the steps of a shaped one are, unless they go faster than the record does. A leg at rest makes
-    no lines.
+    What comes before the record is its start, and not judged, where the rate only rises to that of the
+    record, or is there within some cycles of the slowest mode, as by steps of a shaped start; legs that
+    last longer, or go faster, are rates of their own.
     """
     recorded = scenario.rate
     if recorded is None or scenario.tracking.profile is None:
         return None
     cycle = max((1.0 / mode.frequency for mode in _shaft_modes(scenario)), default=0.0)
-    for one in scenario.tracking.held_rates():
+    held = scenario.tracking.held_rates()
+    for one in held:
         faster = abs(one.rate) > abs(recorded)
         lasts = one.passed if faster else one.lasts
         if one.rate not in (0.0, recorded) and lasts > cycle:
             return RecordGap(_unseen_rate_reason(scenario, one, recorded), turns=recorded != 0.0)
+    k = _recorded_leg(scenario, held)
+    before, after = held[:k], [one for one in held[k + 1 :] if one.rate != recorded]
+    sizes = [0.0, *(abs(one.rate) for one in before), abs(recorded)]
+    starts = all(a <= b for a, b in pairwise(sizes)) or held[k].start <= _START_CYCLES * cycle
+    if not starts and recorded != 0.0:
+        falls = next(b for a, b in pairwise(held[: k + 1]) if abs(b.rate) < abs(a.rate))
+        return RecordGap(_changing_rate_reason(scenario, falls.start), turns=True)
+    if after:
+        same = held[held.index(after[0]) - 1]
+        return RecordGap(
+            _changing_rate_reason(scenario, same.start + same.lasts), turns=recorded != 0.0
+        )
     return None
+
+
+def _recorded_leg(scenario: Scenario, held: Sequence[HeldRate]) -> int:
+    """Number of the leg in which a record at one rate ends."""
+    record = scenario.record
+    stop = record.settle + record.duration
+    return max((k for k, one in enumerate(held) if one.start < stop), default=0)
+
+
+def _changing_rate_reason(scenario: Scenario, start: float) -> str:
+    """Why what a profile makes while its rate changes is not seen, and what to do."""
+    record = scenario.record
+    return (
+        f"what the array does while its rate changes, from {start:.6g} s on (tracking.profile): the record,"
+        f" from {record.settle:g} to {record.settle + record.duration:g} s, is at one rate (tracking.rate"
+        " judges that rate alone)"
+    )
 
 
 def _unseen_rate_reason(scenario: Scenario, unseen: HeldRate, recorded: float) -> str:
