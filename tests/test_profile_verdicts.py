@@ -10,7 +10,7 @@ from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.limits import judge
-from microvib.analysis.start import record_gap
+from microvib.analysis.start import record_gap, start_sentence
 from microvib.studies.rates import RECORD_GAP, RateCase, full_case, linear_case
 from microvib.units import Si
 
@@ -88,6 +88,8 @@ STOP_AND_GO = [{"rate": "0 deg/s", "hold": "0.4 s"}, {"rate": "0.06 deg/s", "hol
         ([{"rate": "0.06 deg/s", "hold": "90 s"}, *10 * STOP_AND_GO, TRACKING], 90),
         ([{"rate": "0.06 deg/s", "hold": "30 s"}, *10 * STOP_AND_GO, TRACKING], 30),
         ([TRACKING | {"hold": "50 s"}, TRACKING | {"hold": "50 s"}, {"rate": "0 deg/s"}], 100),
+        ([TRACKING | {"ramp": "70 s"}], 0),
+        ([{"rate": "0.02 deg/s", "ramp": "1 s", "hold": "0 s"}, {"rate": "0.021 deg/s", "ramp": "60 s", "hold": "0 s"}, TRACKING], 0),
     ],
 )  # fmt: skip
 def test_a_rate_that_changes_besides_the_start_is_not_judged(state_1, profile, start):
@@ -95,6 +97,15 @@ def test_a_rate_that_changes_besides_the_start_is_not_judged(state_1, profile, s
     for steady in (False, True):
         told = f"while its rate changes, from {start} s on (tracking.profile)"
         assert told in gap(drive, steady=steady)
+
+
+def test_a_start_is_said_beside_the_verdict(state_1):
+    assert start_sentence(state_1) == ""
+    twice = [TRACKING | {"hold": "50 s"}, TRACKING]
+    assert start_sentence(under(state_1, twice, settle="80 s")) == ""
+    assert start_sentence(under(state_1, [{"rate": "0 deg/s", "hold": "5 s"}, TRACKING])) == ""
+    ramped = under(state_1, [TRACKING | {"ramp": "10 s"}], settle="20 s")
+    assert start_sentence(ramped) == "The start, until 10 s (tracking.profile), is not judged."
 
 
 @pytest.fixture(scope="module")

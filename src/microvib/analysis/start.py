@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
 from microvib.model.scenario import Scenario
@@ -21,7 +23,7 @@ from microvib.model.slow_variations import (
     slow_variations,
     unseen_variations,
 )
-from microvib.model.tracking import HeldRate
+from microvib.model.tracking import HeldRate, Tracking
 from microvib.model.turning import (
     GROWN_EFOLDINGS,
     TurningDrive,
@@ -167,7 +169,9 @@ the gear (tests/test_slow_variations.py).
 VARIATION_FACTOR = 4.0
 """Times that they may be larger at most; assumed."""
 _START_CYCLES = 3.0
-"""Cycles of the slowest mode within which a shaped start is over, whatever its steps."""
+"""Cycles of the slowest mode within which a shaped start is over, whatever its steps; assumed."""
+_RISING_CYCLES = 30.0
+"""Those within which one is over whose rate only rises; assumed. Slower ones dwell in resonances."""
 _ONSET_EFOLDINGS = 1.0
 """e-foldings of the slowest mode before which what rings may keep lines from what they last with."""
 
@@ -241,9 +245,10 @@ def unseen_rates_gap(scenario: Scenario) -> RecordGap | None:
     """Reason why a record at one rate does not show what a profile makes at others, or while the rate
     changes; None where it commands nothing else.
 
-    What comes before the record is its start, and not judged, where the rate only rises to that of the
-    record, or is there within some cycles of the slowest mode, as by steps of a shaped start; legs that
-    last longer, or go faster, are rates of their own.
+    What comes before the record is its start, and not judged (``start_sentence`` says so), where the rate
+    is that of the record within some cycles of the slowest mode, more of them if it only rises; what takes
+    longer runs through the modes slowly, and legs that last longer than a cycle, or go faster, are rates of
+    their own.
     """
     recorded = scenario.rate
     if recorded is None or scenario.tracking.profile is None:
@@ -258,10 +263,12 @@ def unseen_rates_gap(scenario: Scenario) -> RecordGap | None:
     k = _recorded_leg(scenario, held)
     before, after = held[:k], [one for one in held[k + 1 :] if one.rate != recorded]
     sizes = [0.0, *(abs(one.rate) for one in before), abs(recorded)]
-    starts = all(a <= b for a, b in pairwise(sizes)) or held[k].start <= _START_CYCLES * cycle
-    if not starts and recorded != 0.0:
-        falls = next(b for a, b in pairwise(held[: k + 1]) if abs(b.rate) < abs(a.rate))
-        return RecordGap(_changing_rate_reason(scenario, falls.start), turns=True)
+    rises = all(a <= b for a, b in pairwise(sizes))
+    begins = _first_motion(scenario.tracking)
+    cycles = (held[k].start - begins) / cycle if cycle else 0.0
+    if recorded != 0.0 and cycles > (_RISING_CYCLES if rises else _START_CYCLES):
+        falls = (b.start for a, b in pairwise(held[: k + 1]) if abs(b.rate) < abs(a.rate))
+        return RecordGap(_changing_rate_reason(scenario, next(falls, begins)), turns=True)
     if after:
         same = held[held.index(after[0]) - 1]
         return RecordGap(
@@ -270,11 +277,51 @@ def unseen_rates_gap(scenario: Scenario) -> RecordGap | None:
     return None
 
 
+def start_sentence(scenario: Scenario) -> str:
+    """Sentence on the starts by profiles of rate, until when they last and that they are not judged; empty
+    without one.
+    """
+    trackings = {"tracking": scenario.tracking}
+    craft = scenario.spacecraft
+    if (
+        craft is not None
+        and craft.second_wing is not None
+        and craft.second_wing.tracking is not None
+    ):
+        trackings["spacecraft.second_wing.tracking"] = craft.second_wing.tracking
+    lasts = {}
+    for key, tracking in trackings.items():
+        if tracking.profile is None:
+            continue
+        held = tracking.held_rates()
+        reached = held[_recorded_leg(scenario, held)].start
+        if _first_motion(tracking) < reached:
+            lasts[key] = reached
+    if not lasts:
+        return ""
+    until = " and ".join(f"until {time:.4g} s ({key}.profile)" for key, time in lasts.items())
+    return f"The start, {until}, is not judged."
+
+
+def _first_motion(tracking: Tracking) -> float:
+    """When a command leaves rest [s]."""
+    times, rates = tracking.breakpoints()
+    moving = np.flatnonzero(rates != 0.0)
+    if not moving.size:
+        return math.inf
+    return float(times[max(int(moving[0]) - 1, 0)])
+
+
 def _recorded_leg(scenario: Scenario, held: Sequence[HeldRate]) -> int:
-    """Number of the leg in which a record at one rate ends."""
+    """Number of the leg whose rate a record at one rate has: the first of those that follow each other at
+    it.
+    """
     record = scenario.record
     stop = record.settle + record.duration
-    return max((k for k, one in enumerate(held) if one.start < stop), default=0)
+    k = max((k for k, one in enumerate(held) if one.start < stop), default=0)
+    while k > 0 and held[k - 1].rate == held[k].rate:
+        k -= 1
+    return k
 
 
 def _changing_rate_reason(scenario: Scenario, start: float) -> str:
