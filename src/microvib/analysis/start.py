@@ -171,7 +171,7 @@ VARIATION_FACTOR = 4.0
 _START_CYCLES = 3.0
 """Cycles of the slowest mode within which a shaped start is over, whatever its steps; assumed."""
 _RISING_CYCLES = 30.0
-"""Those within which one is over whose rate only rises; assumed. Slower ones dwell in resonances."""
+"""Cycles within which one is over whose rate only rises; assumed. Slower ones dwell in resonances."""
 _ONSET_EFOLDINGS = 1.0
 """e-foldings of the slowest mode before which what rings may keep lines from what they last with."""
 
