@@ -184,8 +184,8 @@ def read_order(
 def _read_cell(
     one: PowerMap, row: int, bin_: int, reach: int
 ) -> tuple[float, float, float, float, float]:
-    """Of an order at a speed: the power above the floor, its standard deviation by that alone, the variance
-    that the floor adds over its power, the power of the floor, and that above the bins beside it.
+    """Power of an order at a speed above the floor, its standard deviation by the floor alone, the variance
+    that the floor adds over that power, the power of the floor, and the order's above the bins beside it.
     """
     near = slice(bin_ - reach, bin_ + reach + 1)
     floor, K = one.floor[row, near], one.averages
@@ -266,18 +266,19 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
     one = reading.where(used)
     x = 0.5 * (one.speed**2 * factor[used]) ** 2
     one = _levelled(one, x)
-    first = _first_ratio(one, x)
-    weak = is_weak(one, first * x)
+    shown = _ratio_shown(one, x)
+    first = _ratio_of_all(one, x) if shown is None else shown
+    weak = is_weak(one, (shown or 0.0) * x)
     q, reach, seen = _ratio_and_reach(one.where(~weak), x[~weak], first)
     lowest, highest = _ratios_held(one, x, weak)
-    most = max(q, 0.0) + reach
-    large = one.at_least / x > (_LARGE * most if seen else 0.0)
+    most = math.sqrt(max(q + reach, highest))
+    if not seen:
+        large = tuple(one.speed[one.at_least > 0.0].tolist())
+        return Coefficient(0.0, 0.0, most, int(used.sum()), near_modes, large=large)
     return Coefficient(
-        math.sqrt(q) if seen else 0.0,
-        math.sqrt(max(min(q - reach, lowest), 0.0)) if seen else 0.0,
-        math.sqrt(max(most, highest)),
-        int(np.sum(~weak)), near_modes,
-        weak=tuple(one.speed[weak].tolist()), large=tuple(one.speed[large].tolist()),
+        math.sqrt(q), math.sqrt(max(min(q - reach, lowest), 0.0)), most, int(np.sum(~weak)), near_modes,
+        weak=tuple(one.speed[weak].tolist()),
+        large=tuple(one.speed[one.at_least / x > _LARGE * (q + reach)].tolist()),
     )  # fmt: skip
 
 
@@ -294,16 +295,20 @@ def is_weak(reading: Reading, expected: np.ndarray) -> np.ndarray:
     return np.asarray(np.maximum(reading.power, 0.0) + reading.limit < WEAK * expected)
 
 
-def _first_ratio(reading: Reading, x: np.ndarray) -> float:
-    """Ratio of powers to ``x`` (n,) at the speeds that show the order, if these are enough of those that
-    would show it; else that of all speeds.
+def _ratio_shown(reading: Reading, x: np.ndarray) -> float | None:
+    """Ratio of powers to ``x`` (n,) at the speeds that show the order; None where these are too few of
+    those that would show it.
     """
     clear = reading.at_least > 0.0
-    if int(clear.sum()) >= _LEAST_SPEEDS:
-        ratio = float(np.median(reading.power[clear] / x[clear]))
-        would = clear | (ratio * x > 2.0 * reading.limit)
-        if clear.sum() >= _LEAST_SHARE * would.sum():
-            return ratio
+    if int(clear.sum()) < _LEAST_SPEEDS:
+        return None
+    ratio = float(np.median(reading.power[clear] / x[clear]))
+    would = clear | (ratio * x > 2.0 * reading.limit)
+    return ratio if clear.sum() >= _LEAST_SHARE * would.sum() else None
+
+
+def _ratio_of_all(reading: Reading, x: np.ndarray) -> float:
+    """Ratio of powers to ``x`` (n,), not below 0, by least squares with the floor's weights."""
     w = x / reading.still**2
     return max(float(np.sum(w * reading.power) / np.sum(w * x)), 0.0)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.signals.ridges import PowerMap
-from microvib.studies.wheel_fit import Coefficient, Reading, is_weak
+from microvib.studies.wheel_fit import WEAK, Coefficient, Reading, is_weak
 
 _DEAD = 1e-8
 """Part of the usual power below which a spectrum is of no sensor."""
@@ -35,7 +35,7 @@ class Fit:
     load: str
     reading: Reading
     factor: np.ndarray
-    """Of the modes at the speeds of the reading, (n,)."""
+    """Amplification by the modes at the speeds of the reading, (n,)."""
     coefficient: Coefficient
 
     @property
@@ -82,8 +82,9 @@ def _counts(one: PowerMap, fits: Sequence[Fit]) -> np.ndarray:
     counts = np.zeros((2, one.speed.size), dtype=int)
     for fit in fits:
         at = np.searchsorted(one.speed, fit.reading.speed)
-        counts[0, at] += fit.expected > fit.reading.limit / _FALLING
-        counts[1, at] += is_weak(fit.reading, fit.expected)
+        weak = is_weak(fit.reading, fit.expected)
+        counts[0, at] += weak | (WEAK * fit.expected > 2.0 * fit.reading.limit)
+        counts[1, at] += weak
     return counts
 
 
@@ -117,7 +118,7 @@ def _by_frequency(fits: Sequence[Fit], top: float) -> tuple[np.ndarray, np.ndarr
         for speed in fit.reading.speed[weak & (fit.reading.frequency < top)]
     }
     for fit, weak in each:
-        would = fit.expected * _FALLING > fit.reading.limit
+        would = _FALLING * fit.expected > 2.0 * fit.reading.limit
         would &= ~np.isin(fit.reading.speed, list(failed))
         weakened.append(fit.reading.frequency[would & weak])
         sound.append(fit.reading.frequency[would & ~weak])
