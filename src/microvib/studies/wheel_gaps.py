@@ -19,13 +19,15 @@ _LEAST_ORDERS = 2
 """Orders that must be missing together for a run to have failed."""
 _LEAST_SPEEDS = 5
 """Speeds that must show the wheel in all loads."""
-_TOP = 0.7
-"""Part of the measured frequencies above which a filter may weaken them."""
+_TOP = 0.5
+"""Part of the measured frequencies above which a filter may weaken orders."""
 _FALLING = 0.6
 """Part of its power below which an order is weakened by a filter."""
 _LEAST_WEAKENED = 2
+_BEFORE = (0.5, 0.7)
+"""Parts of the measured frequencies between which the floor is taken for whole."""
 _FLOOR_FALLS = 0.05
-"""Part of the floor below the top that the floor of a filter's bins is below."""
+"""Part of that floor below which a filter has taken it."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,7 @@ def _by_frequency(fits: Sequence[Fit], top: float) -> tuple[np.ndarray, np.ndarr
 def _before_floor_falls(one: PowerMap) -> int:
     """Bins from the first up to where the floor falls off to the end of the spectra."""
     profile = np.median(one.power, axis=0)
-    usual = float(np.median(profile[int(0.5 * profile.size) : int(_TOP * profile.size)]))
+    first, last = (int(part * profile.size) for part in _BEFORE)
+    usual = float(np.median(profile[first:last]))
     sound = np.flatnonzero(profile >= _FLOOR_FALLS * usual)
     return int(sound[-1]) + 1
