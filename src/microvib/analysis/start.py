@@ -255,26 +255,47 @@ def unseen_rates_gap(scenario: Scenario) -> RecordGap | None:
         return None
     cycle = max((1.0 / mode.frequency for mode in _shaft_modes(scenario)), default=0.0)
     held = scenario.tracking.held_rates()
+    why = (
+        _another_rate_reason(scenario, held, recorded, cycle)
+        or _slow_start_reason(scenario, held, cycle)
+        or _changes_behind_reason(scenario, held)
+    )
+    return RecordGap(why, turns=recorded != 0.0) if why else None
+
+
+def _another_rate_reason(
+    scenario: Scenario, held: Sequence[HeldRate], recorded: float, cycle: float
+) -> str:
+    """Reason why a rate that is held for longer than a ``cycle`` [s], or a higher one, is not seen; empty
+    without one.
+    """
     for one in held:
         faster = abs(one.rate) > abs(recorded)
         lasts = one.passed if faster else one.lasts
         if one.rate not in (0.0, recorded) and lasts > cycle:
-            return RecordGap(_unseen_rate_reason(scenario, one, recorded), turns=recorded != 0.0)
+            return _unseen_rate_reason(scenario, one, recorded)
+    return ""
+
+
+def _slow_start_reason(scenario: Scenario, held: Sequence[HeldRate], cycle: float) -> str:
+    """Reason why what comes before the rate of a record is more than a start; empty where it is one."""
     k = _recorded_leg(scenario, held)
-    before, after = held[:k], [one for one in held[k + 1 :] if one.rate != recorded]
-    sizes = [0.0, *(abs(one.rate) for one in before), abs(recorded)]
-    rises = all(a <= b for a, b in pairwise(sizes))
+    if held[k].rate == 0.0 or cycle == 0.0:
+        return ""
+    falls = [b.start for a, b in pairwise(held[: k + 1]) if abs(b.rate) < abs(a.rate)]
     begins = _first_motion(scenario.tracking)
-    cycles = (held[k].start - begins) / cycle if cycle else 0.0
-    if recorded != 0.0 and cycles > (_RISING_CYCLES if rises else _START_CYCLES):
-        falls = (b.start for a, b in pairwise(held[: k + 1]) if abs(b.rate) < abs(a.rate))
-        return RecordGap(_changing_rate_reason(scenario, next(falls, begins)), turns=True)
-    if after:
-        same = held[held.index(after[0]) - 1]
-        return RecordGap(
-            _changing_rate_reason(scenario, same.start + same.lasts), turns=recorded != 0.0
-        )
-    return None
+    if held[k].start - begins <= (_START_CYCLES if falls else _RISING_CYCLES) * cycle:
+        return ""
+    return _changing_rate_reason(scenario, falls[0] if falls else begins)
+
+
+def _changes_behind_reason(scenario: Scenario, held: Sequence[HeldRate]) -> str:
+    """Reason why a change of rate behind the record is not seen; empty where there is none."""
+    k = _recorded_leg(scenario, held)
+    for before, after in pairwise(held[k:]):
+        if after.rate != before.rate:
+            return _changing_rate_reason(scenario, before.start + before.lasts)
+    return ""
 
 
 def start_sentence(scenario: Scenario) -> str:

@@ -1,4 +1,4 @@
-"""What a file's names, numbers and free texts beside its samples say of their scale.
+"""Scales of samples, as far as a file's names, numbers and free texts beside them say anything of them.
 
 Samples that may be in thousandths, or still volts, let no limit pass until the preparation states what
 they are. Texts are free: what is recognised here is what may concern the scale, not what it is.
