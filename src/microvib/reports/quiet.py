@@ -481,6 +481,7 @@ def draw_lines(found: QuietDrive) -> Figure:
     ax.set_yscale("log")
     sheets.plain_numbers(ax.yaxis)
     ax.set_ylabel("amplitude [mN m]")
+    ax.set_xlim(-0.8, len(rows) - 0.2)
     ax.set_xticks(at, [row.name for row in rows], rotation=30, ha="right")
     ax.legend(loc="upper right")
     return figure

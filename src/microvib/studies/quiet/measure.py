@@ -21,6 +21,7 @@ from microvib.analysis.margins import (
 from microvib.analysis.start import not_moving_reason, not_sliding_reason
 from microvib.errors import MicrovibError
 from microvib.model.expected import is_made
+from microvib.model.line_names import is_unlisted
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import BELOW_FLOOR, Line, LineTable
@@ -137,21 +138,35 @@ class DriveLines:
 
     @property
     def shown(self) -> DriveLines:
-        """The part that is shown to be of a steady motion: lines that cannot be the start's ringing."""
-        keep = np.array([name not in self.may_ring for name in self.names], dtype=bool)
-        los_keep = np.array([name not in self.may_ring for name in self.los_names], dtype=bool)
+        """The part that is shown to be of a steady motion: lines that are resolved from the mean and from
+        those that are not told, and cannot be the start's ringing.
+        """
+        keep = np.array(
+            [self._is_shown(*one) for one in zip(self.names, self.frequency, strict=True)], bool
+        )
+        los_keep = np.array(
+            [self._is_shown(*one) for one in zip(self.los_names, self.los_frequency, strict=True)],
+            bool,
+        )
         return replace(
             self,
-            names=tuple(name for name in self.names if name not in self.may_ring),
+            names=tuple(np.array(self.names, dtype=object)[keep]),
             frequency=self.frequency[keep],
             amplitude=self.amplitude[keep],
             residual=0.0,
             left=_NOTHING_LEFT,
             untold=(),
-            los_names=tuple(name for name in self.los_names if name not in self.may_ring),
+            los_names=tuple(np.array(self.los_names, dtype=object)[los_keep]),
             los_frequency=self.los_frequency[los_keep],
             los=None if self.los is None else self.los[los_keep],
         )
+
+    def _is_shown(self, name: str, frequency: float) -> bool:
+        reach = self.left.resolution
+        if name in self.may_ring or frequency < reach:
+            return False
+        hides = (x for x in self.untold if x.is_made and not x.is_faint)
+        return not (is_unlisted(name) and any(abs(x.frequency - frequency) < reach for x in hides))
 
 
 def failed(problem: str) -> DriveLines:
