@@ -165,6 +165,19 @@ def distance_to_clock_line(scenario: Scenario, frequency: float, tolerance: floa
     return min((d for d in distances if d > same), default=math.inf)
 
 
+def is_made(name: str, scenario: Scenario) -> bool:
+    """Whether anything in a drive makes a line of a name: all but those of the electrical period at orders
+    that neither the references nor the torques of the motor have, where no backlash locks a mode to them.
+    """
+    line = LineName.parse(name)
+    driver, motor = scenario.driver, scenario.motor
+    if line.family != ELECTRICAL or scenario.reducer.backlash:
+        return True
+    errors = (error.order for error in angle_errors(driver, motor.phases))
+    comb = math.gcd(motor.full_steps, *motor.torque_orders, *errors)
+    return driver.compensates or line.order % comb == 0
+
+
 @lru_cache(maxsize=64)
 def _orders(
     driver: Driver, motor: Motor, errors: tuple[KinematicError, ...], harmonics: int

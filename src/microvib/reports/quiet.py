@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from microvib.analysis.noise import is_negligible
+from microvib.analysis.start import rounded_up
 from microvib.io.current_table import integer_columns
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv
@@ -103,7 +104,18 @@ def _decision(found: QuietDrive) -> str:
     return (
         f"{verb}: {found.setting_text}. 95 % of cases: {figure(before.p95)} before,"
         f" {figure(after.p95)} after{change}; the nominal drive: {figure(before.nominal)} before,"
-        f" {figure(after.nominal)} after{_change(before.nominal, after.nominal)}."
+        f" {figure(after.nominal)} after{_change(before.nominal, after.nominal)}.{_not_told(found)}"
+    )
+
+
+def _not_told(found: QuietDrive) -> str:
+    """Sentence on figures that the records leave open, and what to do; empty without one."""
+    before, after = found.before, found.after
+    if not (before.unknown or after.unknown or math.isnan(before.nominal + after.nominal)):
+        return ""
+    return (
+        f" Not known in {before.unknown} of {before.cases.size} cases before and {after.unknown} of"
+        f" {after.cases.size} after: {_record_reason(found)}."
     )
 
 
@@ -246,11 +258,19 @@ def _why_not_judged(found: QuietDrive, target: float) -> str:
 
 def _why_unknown(found: QuietDrive) -> str:
     """Clause on cases in which the record does not tell what is asked for."""
-    record, after = found.scenario.record, found.after
+    after = found.after
+    return f"in {after.unknown} of {after.cases.size} cases {_record_reason(found)}"
+
+
+def _record_reason(found: QuietDrive) -> str:
+    """Clause on what a record does not tell, why, and what to do."""
+    needed = [x.duration for x in (found.before, found.after) if math.isfinite(x.duration)]
+    longer = "use a longer record.settle or record.duration"
+    if needed:
+        longer = f"use record.duration >= {rounded_up(max(needed))} s, and a longer record.settle"
     return (
-        f"in {after.unknown} of {after.cases.size} cases the record of {record.duration:g} s does not tell"
-        f" the {found.objective.text} (still changing, not resolved from other lines, or above the passband);"
-        " use a longer record.settle or record.duration"
+        f"the record of {found.scenario.record.duration:g} s does not tell the {found.objective.text} (still"
+        f" changing, not resolved from its mean or other lines, or above the passband); {longer}"
     )
 
 
@@ -413,7 +433,8 @@ def draw_cases(found: QuietDrive) -> Figure:
     for one, colour in designs:
         values = np.sort(one.cases[np.isfinite(one.cases)]) / measure.size
         parts = 100.0 * np.arange(1, values.size + 1) / one.cases.size
-        ax.step(values, parts, where="post", color=colour, label=one.design)
+        label = f"{one.design} ({one.unknown} cases not known)" if one.unknown else one.design
+        ax.step(values, parts, where="post", color=colour, label=label)
         if math.isfinite(one.p95):
             ax.axvline(one.p95 / measure.size, color=colour, linestyle="--", linewidth=0.8)
     ax.set_xscale("log")
@@ -445,9 +466,22 @@ def draw_lines(found: QuietDrive) -> Figure:
             color="black",
             zorder=3,
         )
+        for place in (at + offset)[np.isnan(heights)]:
+            ax.text(
+                place,
+                0.02,
+                "not known",
+                rotation=90,
+                ha="center",
+                va="bottom",
+                fontsize=7,
+                color=colour,
+                transform=ax.get_xaxis_transform(),
+            )
     ax.set_yscale("log")
     sheets.plain_numbers(ax.yaxis)
     ax.set_ylabel("amplitude [mN m]")
+    ax.set_xlim(-0.8, len(rows) - 0.2)
     ax.set_xticks(at, [row.name for row in rows], rotation=30, ha="right")
     ax.legend(loc="upper right")
     return figure

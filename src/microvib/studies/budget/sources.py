@@ -689,7 +689,7 @@ def _gaps(
             0.0,
             math.inf,
             at[known],
-            (_largest_los_over_torque(scenario, table.rest) * table.rest.in_sum[:, None])[known],
+            (_largestlos_over_torque(scenario, table.rest) * table.rest.in_sum[:, None])[known],
             between=True,
         )
     yield from _low_frequency_gaps(scenario, table)
@@ -747,7 +747,7 @@ def _low_frequency_gaps(scenario: Scenario, table: LineTable) -> Iterator[Unobse
         return
     lowest = float(table.rest.frequency.min())
     f = np.geomspace(1e-3, 1.0, 31) * lowest
-    most = _los_over_torque(scenario, f) * ABOVE_PASSBAND_FACTOR * table.rest.slow
+    most = los_over_torque(scenario, f) * ABOVE_PASSBAND_FACTOR * table.rest.slow
     known = f >= receiver_of(scenario).lowest
     why = (
         f"lines below {lowest:.3g} Hz, for which the record is too short (increase record.duration)"
@@ -756,7 +756,7 @@ def _low_frequency_gaps(scenario: Scenario, table: LineTable) -> Iterator[Unobse
     yield Unobserved(why, 0.0, lowest, f[[k]], most[[k]])
 
 
-def _largest_los_over_torque(scenario: Scenario, rest: ResidualPeaks) -> np.ndarray:
+def _largestlos_over_torque(scenario: Scenario, rest: ResidualPeaks) -> np.ndarray:
     """The largest line of sight (m, 2) over T_d in each part of the spectrum in which something is
     left [rad/(N m)]: at its ends, in it, and at modes of the craft in it.
     """
@@ -765,11 +765,11 @@ def _largest_los_over_torque(scenario: Scenario, rest: ResidualPeaks) -> np.ndar
     nearest = modes[np.argmin(np.abs(modes - rest.frequency[:, None]), axis=1)][:, None]
     low, high = places.min(axis=1, keepdims=True), places.max(axis=1, keepdims=True)
     places = np.hstack([places, np.clip(nearest, low, high)])
-    found = _los_over_torque(scenario, places.ravel())
+    found = los_over_torque(scenario, places.ravel())
     return np.asarray(found.reshape(*places.shape, 2).max(axis=1))
 
 
-def _los_over_torque(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+def los_over_torque(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     """Line of sight (m, 2) over T_d, both made by the shaft's motion, at each ``frequency`` (m,)
     [Hz] [rad/(N m)].
     """

@@ -19,8 +19,9 @@ from microvib.model.line_names import is_unlisted
 from microvib.model.part import to_plain_data
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
+from microvib.signals.line_fit import SEPARATION
 from microvib.studies.quiet.measure import DriveLines, measure_lines
-from microvib.studies.quiet.objective import Objective, drive_lines
+from microvib.studies.quiet.objective import LOWEST, Objective, drive_lines
 from microvib.studies.quiet.starts import STARTS, Start
 from microvib.studies.workers import Calls, parallel_calls
 
@@ -37,14 +38,29 @@ FULL_STEPS = 8.0
 """Full steps that a record has at least."""
 
 
-def searched_record(scenario: Scenario) -> Scenario:
-    """The scenario with a record that is as short as its full steps allow."""
+def searched_record(scenario: Scenario, objective: Objective) -> Scenario:
+    """The scenario with a record that is as short as its full steps, and the lowest frequency that an
+    objective asks for, allow.
+    """
     rate = abs(scenario.rate or 0.0) * abs(scenario.reducer.h)
     step = scenario.driver.full_step(scenario.motor) / rate
-    duration = max(SEARCH_DURATION, FULL_STEPS * step)
+    resolving = _ROOM * SEPARATION / max(objective.lowest(scenario), LOWEST)
+    duration = max(SEARCH_DURATION, FULL_STEPS * step, resolving)
     if scenario.record.duration <= duration:
         return scenario
     return scenario.with_si({"record.duration": duration})
+
+
+class LineFigure(NamedTuple):
+    """A line of one drive from one start."""
+
+    name: str
+    frequency: float
+    """[Hz]."""
+    amplitude: float
+    """[N m]; nan where the record does not tell it, or it is above the passband."""
+    most: float = math.inf
+    """Upper bound of an amplitude that is not told [N m]."""
 
 
 class Figure(NamedTuple):
@@ -52,17 +68,20 @@ class Figure(NamedTuple):
 
     value: float
     """Infinite where the drive does not come to its rate, nan where its record does not tell."""
-    lines: tuple[tuple[str, float, float], ...] = ()
-    """Name, frequency [Hz] and amplitude [N m], which is nan where the line is above the passband."""
+    lines: tuple[LineFigure, ...] = ()
     most: float = math.inf
     """Upper bound of the value: itself where it is known."""
+    least: float = 0.0
+    """Lower bound of the figure of a steady motion, by what is shown of it."""
+    duration: float = math.nan
+    """Length of record [s] from which the value is told; nan where no length is known to help."""
 
 
-_KIND = "at any frequency"
-"""Mark in the keys of figures that are kept: earlier ones had 0 for lines above the passband."""
+_KIND = "by what may be in a band"
+"""Mark in the keys of figures that are kept: earlier ones had all that is unexplained in every band."""
 HEAD = '["figures of microvib quiet"]\n'
 """First line of a file that keeps figures."""
-NOTHING = Figure(math.inf)
+NOTHING = Figure(math.inf, least=math.inf)
 """Figure of a drive that there is not, or that does not come to its rate."""
 
 
@@ -70,11 +89,15 @@ def figure_of(scenario: Scenario, start: str, objective: Objective) -> Figure:
     """The figure of one drive; its start goes to another process by name."""
     begun = next(x for x in STARTS if x.name == start).begun(scenario)
     found = measure_lines(begun, pointing=objective.sees_pointing)
-    unseen = () if found.problem else tuple(_lines_above_passband(begun))
-    value, lines = objective.of(found), (*_larger_lines(found), *unseen)
-    if math.isfinite(value) and not shows(scenario, objective):
-        return Figure(math.nan, lines, math.inf)
-    return Figure(value, lines, objective.most(found) if math.isnan(value) else value)
+    if found.problem:
+        return NOTHING
+    lines = (*_larger_lines(found), *_lines_above_passband(begun))
+    value, least = objective.of(found), objective.least(found)
+    if not shows(scenario, objective):
+        return Figure(math.nan, lines, math.inf, least)
+    if math.isnan(value):
+        return Figure(value, lines, objective.most(found), least, objective.duration(found))
+    return Figure(value, lines, value, least)
 
 
 def shows(scenario: Scenario, objective: Objective) -> bool:
@@ -94,15 +117,17 @@ def with_record_for(objective: Objective, scenario: Scenario) -> Scenario:
     return scenario.with_si({"record.sample_rate": rate})
 
 
-def _lines_above_passband(scenario: Scenario) -> Iterator[tuple[str, float, float]]:
+def _lines_above_passband(scenario: Scenario) -> Iterator[LineFigure]:
     top = PASSBAND * scenario.record.sample_rate
     for line in drive_lines(scenario):
         if line.frequency > top:
-            yield line.name, line.frequency, math.nan
+            yield LineFigure(line.name, line.frequency, math.nan)
 
 
-def _larger_lines(found: DriveLines) -> Iterator[tuple[str, float, float]]:
-    """Lines with a name, and the largest of those that nothing expects."""
+def _larger_lines(found: DriveLines) -> Iterator[LineFigure]:
+    """Lines with a name, those among them that may be as large and are not told, and the largest of
+    those that nothing expects.
+    """
     least = KEPT * float(found.amplitude.max(initial=0.0))
     nameless: list[tuple[float, float]] = []
     for name, f, a in zip(
@@ -113,10 +138,15 @@ def _larger_lines(found: DriveLines) -> Iterator[tuple[str, float, float]]:
         if is_unlisted(name):
             nameless.append((a, f))
         else:
-            yield name, f, a
+            yield LineFigure(name, f, a)
+    for line in found.untold:
+        if line.most > least:
+            yield LineFigure(
+                line.name, line.frequency, math.nan, line.most if line.is_made else math.inf
+            )
     if nameless:
         amplitude, frequency = max(nameless)
-        yield UNEXPECTED, frequency, amplitude
+        yield LineFigure(UNEXPECTED, frequency, amplitude)
 
 
 @dataclass(frozen=True)
@@ -204,11 +234,11 @@ def _read(file: Path | None) -> dict[str, Figure]:
     for k, line in enumerate(whole[1:], 2):
         try:
             key, value, lines, *rest = json.loads(line)
-            most = [x for x in rest if not isinstance(x, str)]
+            numbers = [x for x in rest if not isinstance(x, str)]
             check = [x for x in rest if isinstance(x, str)]
-            kept = tuple((str(name), float(f), float(a)) for name, f, a in lines)
-            known[str(key)] = Figure(float(value), kept, *map(float, most))
-            if check and check != [_check_of([key, value, lines, *most])]:
+            kept = tuple(LineFigure(str(name), *map(float, own)) for name, *own in lines)
+            known[str(key)] = Figure(float(value), kept, *map(float, numbers))
+            if check and check != [_check_of([key, value, lines, *numbers])]:
                 raise MicrovibError(
                     f"{file}, line {k}: was changed since the search wrote it; put it back, or delete"
                     " the line, and its figure is computed again"

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +20,12 @@ from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.scenario import Scenario
 from microvib.results import TORQUE, Measure
 from microvib.signals.limit_curve import LimitCurve
+from microvib.signals.line_fit import SEPARATION
+from microvib.signals.line_table import part_ends, twelfth_octave
 from microvib.studies.budget.figures import evaluate_metric
 from microvib.studies.budget.files import Requirement, Requirements, Statistic, read_file
 from microvib.studies.budget.sums import ratio_to_curve
-from microvib.studies.quiet.measure import DriveLines
+from microvib.studies.quiet.measure import DriveLines, UntoldLine
 from microvib.units import Si, within_band
 from microvib.units import band as ends
 
@@ -71,50 +74,160 @@ class Objective:
         first = [x.frequency for x in lines if x.name.endswith("_1") and x.of_clock]
         return max(first, default=0.0)
 
-    def most(self, found: DriveLines) -> float:
-        """Upper bound of the figure where a named line is not seen, infinite without one."""
-        bound = dict(found.bounds).get(self.line, math.nan)
-        return bound if math.isfinite(bound) else math.inf
+    def lowest(self, scenario: Scenario) -> float:
+        """Frequency [Hz] down to which a record of a drive must resolve lines: the lower end of a band or a
+        limit; where the named line is; infinite where it is all the same.
+        """
+        if self.line:
+            named = (x.frequency for x in drive_lines(scenario) if x.name == self.line)
+            return min(named, default=math.inf)
+        return self._lowest
 
     def of(self, found: DriveLines) -> float:
-        """The figure of some lines of a record that shows all that it asks for: infinite where the
-        drive does not follow its command.
+        """The figure of some lines of a record that reaches all that it asks for: infinite where the
+        drive does not follow its command, nan where lines that the record does not tell may decide it.
 
-        A named line that the drive does not have is 0; one that the record does not show is nan.
+        A named line that the drive does not have is 0.
         """
         if found.problem:
             return math.inf
+        if any(x.name == self.line for x in found.untold):
+            return math.nan
+        told = self._of_told(found)
+        return math.nan if self._with_untold(found) > _ALIKE * told else told
+
+    def most(self, found: DriveLines) -> float:
+        """Upper bound of the figure, with what the record does not tell."""
+        return math.inf if found.problem else max(self._of_told(found), self._with_untold(found))
+
+    def least(self, found: DriveLines) -> float:
+        """Lower bound of the figure of a steady motion, by what is shown of it."""
+        return math.inf if found.problem else self._of_told(found.shown)
+
+    def duration(self, found: DriveLines) -> float:
+        """Length of record [s] that would tell the lines that leave the figure open; nan where no length
+        is known to.
+        """
+        told = self._of_told(found)
+        needed = [x.duration for x in found.untold if self._of_untold(x, found) > told]
+        if self._of_slow(found) > told:
+            needed.append(SEPARATION / max(self._lowest, LOWEST))
+        return max((x for x in needed if math.isfinite(x)), default=math.nan)
+
+    @property
+    def _lowest(self) -> float:
+        """Lowest frequency [Hz] that a band or a limit holds; infinite without one."""
+        if self.band is not None:
+            return self.band[0]
+        return math.inf if self.curve is None else self.curve.low
+
+    def _of_told(self, found: DriveLines) -> float:
+        """The figure of lines that are told, and of what is left beside them where the objective asks."""
         if self.requirements:
             assert found.los is not None
-            return max(
-                part_of_limit(one, found.los_frequency, found.los) for one in self.requirements
-            )
+            return self._part_of_limits(found.los_frequency, found.los)
         if self.curve is not None:
             return _over_curve(found, self.curve)
         if self.band is not None:
-            inside = within_band(found.frequency, *self.band)
-            return float(np.max(found.amplitude[inside], initial=found.unexplained))
+            return _largest_within(found, *self.band)
         if self.line:
             return _amplitude_of(self.line, found)
         return found.rms
 
+    def _with_untold(self, found: DriveLines) -> float:
+        """The figure, or at least as much as the largest of lines that are not told, if each of them has
+        all that it may have.
+        """
+        untold = [x for x in found.untold if x.name == self.line or (x.is_made and not x.is_faint)]
+        if self.requirements:
+            assert found.los is not None
+            bounds = [x.los for x in untold if x.los is not None]
+            frequency = np.append(found.los_frequency, [x.frequency for x in untold])
+            return self._part_of_limits(frequency, np.vstack([found.los, *bounds]))
+        if not (self.curve or self.band or self.line):
+            slow = (x.most for x in untold if x.frequency < found.left.resolution)
+            return math.hypot(found.rms, *(math.sqrt(0.5) * x for x in slow))
+        each = (self._of_untold(x, found) for x in untold)
+        return max(self._of_slow(found), *each, 0.0)
+
+    def _of_untold(self, line: UntoldLine, found: DriveLines) -> float:
+        """The most that a line which is not told gives the figure by itself; 0 where it does not count."""
+        if self.line:
+            return line.most if line.name == self.line else 0.0
+        if not line.is_made or line.is_faint:
+            return 0.0
+        if self.requirements:
+            return 0.0 if line.los is None else self._part_of_limits(line.frequency, line.los)
+        if self.curve is not None:
+            return float(line.most / _allowed(self.curve, np.array([line.frequency]))[0])
+        if self.band is not None:
+            return line.most if line.may_be_within(*self.band) else 0.0
+        return line.most if line.frequency < found.left.resolution else 0.0
+
+    def _of_slow(self, found: DriveLines) -> float:
+        """The most that lines give which are too slow for the record."""
+        if not self._lowest < found.left.resolution:
+            return 0.0
+        if self.curve is None:
+            return found.left.slow
+        return found.left.slow / float(self.curve.strictest(0.0, found.left.resolution))
+
+    def _part_of_limits(self, frequency: Any, los: np.ndarray) -> float:
+        at, angles = np.atleast_1d(frequency), np.atleast_2d(los)
+        return max(part_of_limit(one, at, angles) for one in self.requirements)
+
+
+_ALIKE = 1.01
+"""Ratio of the bounds of a figure up to which it is known."""
+LOWEST = 1e-6
+"""Frequency [Hz] below which no band is resolved by any record."""
+
 
 def _amplitude_of(name: str, found: DriveLines) -> float:
-    """Amplitude of a line [N m]; nan where it is not seen, 0 where there is none."""
-    if name in dict(found.bounds):
-        return math.nan
+    """Amplitude of a line [N m], 0 where it is not told, or there is none."""
     sizes = dict(zip(found.names, found.amplitude.tolist(), strict=True))
     return float(sizes.get(name, 0.0))
 
 
+def _largest_within(found: DriveLines, low: float, high: float) -> float:
+    """Largest line of a band [Hz], or what is left in it beside the lines [N m]."""
+    inside = within_band(found.frequency, low, high, frequency_error_bound(found.frequency))
+    faint = (
+        x.most for x in found.untold if x.is_faint and x.is_made and x.may_be_within(low, high)
+    )
+    return float(
+        np.max(found.amplitude[inside], initial=max(found.left.tone(low, high), *faint, 0.0))
+    )
+
+
 def _over_curve(found: DriveLines, curve: LimitCurve) -> float:
-    """Largest part of what a limit over frequency allows that a line has, and what no line explains
-    of its least.
+    """Largest part of what a limit over frequency allows that a line has, or what is left beside the lines
+    in each twelfth of an octave.
     """
-    about = frequency_error_bound(found.frequency)
-    allowed = curve.strictest(found.frequency - about, found.frequency + about)
-    ratios = found.amplitude / allowed  # 0 where nothing is limited
-    return float(np.max(ratios, initial=found.unexplained / curve.least))
+    ratios = found.amplitude / _allowed(curve, found.frequency)  # 0 where nothing is limited
+    faint = [x for x in found.untold if x.is_faint and x.is_made]
+    bounds = np.array([x.most for x in faint]) / _allowed(
+        curve, np.array([x.frequency for x in faint])
+    )
+    return float(max(np.max(ratios, initial=0.0), np.max(bounds, initial=_left_over(found, curve))))
+
+
+def _left_over(found: DriveLines, curve: LimitCurve) -> float:
+    """Largest part of a limit that what is left has in a twelfth of an octave."""
+    left = found.left
+    at = left.frequency[left.frequency > 0.0]
+    if not at.size:
+        return 0.0
+    _, first = np.unique(twelfth_octave(at), return_index=True)
+    low, high = part_ends(at[first])
+    allowed = curve.strictest(low - left.resolution, high + left.resolution)
+    return float(np.max(left.tone(low, high) / allowed))
+
+
+def _allowed(curve: LimitCurve, frequency: np.ndarray) -> np.ndarray:
+    """The least that a limit allows to lines [N m]; infinite where it limits nothing."""
+    about = frequency_error_bound(frequency)
+    return np.asarray(curve.strictest(frequency - about, frequency + about))
 
 
 def part_of_limit(one: Requirement, frequency: np.ndarray, los: np.ndarray) -> float:

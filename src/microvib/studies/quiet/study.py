@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -118,13 +118,19 @@ class Spread:
     rate, nan where it is not known: a record does not show what is asked for."""
     most: np.ndarray
     """Upper bounds of them, (cases,); infinite where nothing is known."""
+    least: np.ndarray
+    """Lower bounds of them, (cases,): what the record shows of a steady motion; of cases that are known
+    their figures."""
     coexisting: Annotated[int, Column("coexisting", "cases with several motions", COUNT)]
-    """Cases in which different starts lead to different motions."""
+    """Cases in which different starts are shown to lead to different motions."""
+    duration: float = math.nan
+    """Length of record [s] from which cases and the nominal drive are known; nan where they are, or where
+    no length is known to help."""
 
     @property
     def median(self) -> float:
         """Median over cases; nan where cases that are not known decide it."""
-        return _known(*(float(np.median(x)) for x in (self._least, self.most)))
+        return _known(*(float(np.median(x)) for x in (self.least, self.most)))
 
     @property
     def p95(self) -> float:
@@ -133,8 +139,8 @@ class Spread:
 
     @property
     def p95_least(self) -> float:
-        """The quantile if cases that are not known had no such line at all."""
-        return upper_quantile(self._least, P95)
+        """The quantile if cases that are not known had no more than what is shown of them."""
+        return upper_quantile(self.least, P95)
 
     @property
     def p95_most(self) -> float:
@@ -151,11 +157,7 @@ class Spread:
     @property
     def worst(self) -> float:
         """Largest of all cases; nan where one that is not known decides it."""
-        return _known(float(self._least.max()), float(self.most.max()))
-
-    @property
-    def _least(self) -> np.ndarray:
-        return np.where(np.isnan(self.cases), 0.0, self.cases)
+        return _known(float(self.least.max()), float(self.most.max()))
 
     @property
     def failed(self) -> int:
@@ -193,30 +195,32 @@ class LeverAlone:
     why_not: str = ""
 
 
-_NOT_SEEN = "not seen"
-"""Stands for a line that is above the passband of a record, or of a drive that does not come to its rate."""
+_NOT_KNOWN = "not known"
+"""Stands for a line that a record does not tell, or of a drive that does not come to its rate."""
 
 
 @dataclass(frozen=True)
 class LineChange:
-    """One line before and after, 0-to-peak [N m], each case from its worst start; nan where it is above
-    the passband of the record, of a quantile in any case; infinite of a drive that does not come to its
-    rate.
+    """One line before and after, 0-to-peak [N m], each case from its worst start; nan where the record
+    does not tell it (hidden by others, not resolved, above the passband), of a quantile where such
+    cases decide it; infinite of a drive that does not come to its rate.
     """
 
     name: Annotated[str, Column("line", "line")]
     frequency: Annotated[float, Column("frequency_hz", "frequency", FREQUENCY)]
-    before: Annotated[float, Column("before_n_m", "before", TORQUE, absent=_NOT_SEEN)]
-    after: Annotated[float, Column("after_n_m", "after", TORQUE, absent=_NOT_SEEN)]
+    before: Annotated[float, Column("before_n_m", "before", TORQUE, absent=_NOT_KNOWN)]
+    after: Annotated[float, Column("after_n_m", "after", TORQUE, absent=_NOT_KNOWN)]
     before_median: Annotated[float, Column("before_median_n_m", measure=TORQUE)]
     after_median: Annotated[float, Column("after_median_n_m", measure=TORQUE)]
-    before_p95: Annotated[float, Column("before_p95_n_m", "before, P95", TORQUE, absent=_NOT_SEEN)]
-    after_p95: Annotated[float, Column("after_p95_n_m", "after, P95", TORQUE, absent=_NOT_SEEN)]
+    before_p95: Annotated[float, Column("before_p95_n_m", "before, P95", TORQUE, absent=_NOT_KNOWN)]
+    after_p95: Annotated[float, Column("after_p95_n_m", "after, P95", TORQUE, absent=_NOT_KNOWN)]
+    bound: float = 0.0
+    """Upper bound of the nominal drive's, where that is not told [N m]."""
 
     @property
     def largest(self) -> float:
-        """Largest of the nominal drive and the quantiles, of what is known of it [N m]."""
-        sizes = (self.before, self.after, self.before_p95, self.after_p95)
+        """Largest that it is, or may be, in the nominal drive and by the quantiles [N m]."""
+        sizes = (self.before, self.after, self.before_p95, self.after_p95, self.bound)
         return max((x for x in sizes if math.isfinite(x)), default=0.0)
 
     @property
@@ -591,7 +595,7 @@ class _Task:
         return min(alike, key=lambda one: one.median, default=search.tried[0])
 
     def _search(self, cases: Sequence[dict[str, Any]], levers: tuple[Lever, ...]) -> Search:
-        base = searched_record(self.scenario)
+        base = searched_record(self.scenario, self.objective)
         drives = Drives(base, cases, SEARCHED, self.constraints.why_not)
 
         def on_tried(one: Tried) -> None:
@@ -612,7 +616,9 @@ class _Task:
         best = search.run(min(ALONE_EFFORT, self.effort), tuple(search.as_it_is()))
         if best.why_not:
             return LeverAlone(lever.name, "", math.inf, math.inf, best.why_not)
-        changed = with_levers(searched_record(self.scenario), (lever,), best.setting)
+        changed = with_levers(
+            searched_record(self.scenario, self.objective), (lever,), best.setting
+        )
         from_starts = self.figures.values(drawn(changed, [{}], STARTS, _unchanged))
         text = in_words(self.scenario, (lever,), best.setting)
         return LeverAlone(lever.name, text, float(from_starts.max()), float(from_starts[0]))
@@ -672,13 +678,29 @@ class _Task:
         found = self.figures.figures(every)
         self.told.step(len(every))
         by_case = [found[k : k + len(STARTS)] for k in range(0, len(found), len(STARTS))]
-        values = np.array([[one.value for one in starts] for starts in by_case])
-        most = np.array([[one.most for one in starts] for starts in by_case]).max(axis=1)
-        loudest = np.where(np.isnan(values), 0.0, values).max(axis=1)
-        worst = np.where(loudest == most, loudest, math.nan)
-        several = int(np.sum(loudest[1:] > COEXISTING * np.min(values, axis=1)[1:]))
-        one = Spread(name, float(worst[0]), float(values[0, 0]), worst[1:], most[1:], several)
-        return one, by_case
+        return _spread(name, by_case), by_case
+
+
+def _spread(name: str, by_case: Sequence[Sequence[Figure]]) -> Spread:
+    """The spread of a design of which the nominal drive comes first, then every case, by starts."""
+    values, most, shown = (
+        np.array([[getattr(one, what) for one in starts] for starts in by_case])
+        for what in ("value", "most", "least")
+    )
+    needed = [one.duration for starts in by_case for one in starts if math.isfinite(one.duration)]
+    least = np.where(np.isnan(values), shown, values).max(axis=1)
+    known = np.where(least == most.max(axis=1), least, math.nan)
+    several = shown.max(axis=1) > COEXISTING * most.min(axis=1)
+    return Spread(
+        name,
+        float(known[0]),
+        float(values[0, 0]),
+        known[1:],
+        most.max(axis=1)[1:],
+        least[1:],
+        int(np.sum(several[1:])),
+        max(needed, default=math.nan),
+    )
 
 
 def _unchanged(scenario: Scenario) -> Scenario:
@@ -692,39 +714,60 @@ def _line_changes(
     names: dict[str, float] = {}
     for by_starts in (*before, *after):
         for figure in by_starts:
-            for name, frequency, amplitude in figure.lines:
-                if not math.isnan(amplitude):
-                    names.setdefault(name, frequency)
-    rows = [
-        LineChange(
-            name,
-            frequency,
-            _amplitude(before[0][0], name),
-            _amplitude(after[0][0], name),
-            *_quantiles(before[1:], after[1:], name),
-        )
-        for name, frequency in names.items()
-    ]
+            for line in figure.lines:
+                if math.isfinite(line.amplitude) or math.isfinite(line.most):
+                    names.setdefault(line.name, line.frequency)
+    rows = [_line_change(name, frequency, before, after) for name, frequency in names.items()]
     yield from sorted(rows, key=lambda row: -row.largest)
+
+
+def _line_change(
+    name: str,
+    frequency: float,
+    before: Sequence[Sequence[Figure]],
+    after: Sequence[Sequence[Figure]],
+) -> LineChange:
+    nominal = before[0][0], after[0][0]
+    bound = max(_untold_bound(one, name) for one in nominal)
+    amplitudes = [_amplitude(one, name) for one in nominal]
+    quantiles = _quantiles(before[1:], after[1:], name)
+    return replace(LineChange(name, frequency, *amplitudes, *quantiles), bound=bound)
 
 
 def _quantiles(
     before: Sequence[Sequence[Figure]], after: Sequence[Sequence[Figure]], name: str
 ) -> Iterator[float]:
-    """Medians before and after, then 95 % quantiles, of a line in each case from its worst start."""
-    sizes = [
-        np.array([np.max([_amplitude(one, name) for one in starts]) for starts in cases])
+    """Medians before and after, then 95 % quantiles, of a line in each case from its worst start; nan
+    where cases that do not tell it decide them.
+    """
+    bounds = [
+        np.array([np.max([_bounds(one, name) for one in starts], axis=0) for starts in cases])
         for cases in (before, after)
     ]
     for part in (0.5, P95):
-        for values in sizes:
-            yield upper_quantile(values, part)
+        for each in bounds:
+            yield _known(*(upper_quantile(values, part) for values in each.T))
+
+
+def _bounds(figure: Figure, name: str) -> tuple[float, float]:
+    """Least and most amplitude that a line may have [N m]."""
+    amplitude = _amplitude(figure, name)
+    if not math.isnan(amplitude):
+        return amplitude, amplitude
+    return 0.0, max(one.most for one in figure.lines if one.name == name)
+
+
+def _untold_bound(figure: Figure, name: str) -> float:
+    """Upper bound of a line that is not told [N m]; 0 of others."""
+    low, high = _bounds(figure, name)
+    return high if low < high else 0.0
 
 
 def _amplitude(figure: Figure, name: str) -> float:
-    """Amplitude of a line; nan where it is above the passband, 0 where it is not there or small, and
+    """Amplitude of a line; nan where the record does not tell it, 0 where it is not there or small, and
     infinite where the drive does not come to its rate.
     """
     if figure.value == math.inf and not figure.lines:
         return math.inf
-    return max((a for line, _, a in figure.lines if line == name), default=0.0)
+    sizes = [one.amplitude for one in figure.lines if one.name == name]
+    return math.nan if any(map(math.isnan, sizes)) else max(sizes, default=0.0)
