@@ -370,7 +370,7 @@ class OtherAxis:
     scale: float
     """Logarithm of its scale."""
     named_scale: float | None = None
-    """That of the named channel, where it has the lines at one scale, too; None where it has not."""
+    """Logarithm of the named channel's, where it has the lines at one scale, too; None where it has not."""
 
 
 def other_axis(

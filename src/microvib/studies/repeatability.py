@@ -463,7 +463,7 @@ def _outlying_runs(deviations: Sequence[RunDeviation]) -> dict[str, float]:
 
 
 def _runs_apart(deviations: Sequence[RunDeviation]) -> Iterator[RunsApart]:
-    """Of each unit the two runs that are farthest apart, if their amplitudes as a whole differ by
+    """Pairs of runs that are farthest apart in their unit, if their amplitudes as a whole differ by
     ``OTHER_FACTOR`` or may do so within two standard uncertainties.
     """
     for unit in dict.fromkeys(x.unit for x in deviations):
