@@ -59,14 +59,12 @@ def equivalents(problem: Problem, best: Optimum, local: LinearModel) -> tuple[Eq
     points = [best.x.copy() for _ in problem.keys] + [best.x] * len(steps)
     for k, (key, value) in enumerate(zip(problem.keys, values, strict=True)):
         points[k][k] = key.coordinate(value + STEP * key.relative_to(value))
-    known, none = _numbers(problem), [dict[str, object]()] * len(problem.keys)
-    own: list[dict[str, object]] = [
-        *none,
-        *({name: known[name] + step} for name, step in steps.items()),
-    ]
+    known = _numbers(problem)
+    own: list[Mapping[str, object]] = [{} for _ in problem.keys]
+    own += [{name: known[name] + step} for name, step in steps.items()]
     found = local.near(problem).residuals(points, [[one] * len(problem.tests) for one in own])
     changes = [problem.least(r - best.r)[: -best.x.size] for r in found]
-    fitted, others = changes[: len(none)], changes[len(none) :]
+    fitted, others = changes[: best.x.size], changes[best.x.size :]
     worst = math.sqrt(EQUIVALENT_CHI_SQUARE * local.scatter)
     return tuple(
         Equivalent(
