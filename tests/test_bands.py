@@ -376,3 +376,32 @@ def test_a_band_whose_own_peak_is_above_its_limit_does_not_pass():
         if one.peak < 0.99 * one.largest:
             continue
         assert judged(bursts, low, 3.0 * low, 0.999 * one.peak, roll_off=roll_off).verdict != "pass"
+
+
+@pytest.mark.parametrize("beside", [0.3, 2.0, 4.0])
+@pytest.mark.parametrize("at", [0.15, 7.6, 7.85])
+def test_a_burst_at_an_end_is_heard_beside_loud_tones_outside_the_band(beside, at):
+    """Of 3 mN m at 40 Hz in a band with a limit of 1 mN m, and steady tones below and above the band."""
+    rate = 2048.0
+    t = np.arange(int(8.0 * rate)) / rate
+    burst = 3e-3 * np.cos(2.0 * np.pi * 40.0 * t) * np.exp(-0.5 * ((t - at) / 0.05) ** 2)
+    steady = np.cos(2.0 * np.pi * 5.0 * t) + np.cos(2.0 * np.pi * 90.0 * t + 1.0)
+    noise = 1e-5 * np.random.default_rng(1).normal(size=t.size)
+    for heard, verdict in ((1.0, "not judged"), (0.0, "pass")):
+        x = heard * burst + 3e-3 * beside * steady + noise
+        recording = Recording({"Mz": x}, rate, {"Mz": "N*m"})
+        (peak,) = judge_bands(recording, [BandLimit(8.0, 64.0, 1e-3, "N*m")])
+        assert peak.verdict == verdict
+
+
+def test_ends_of_a_record_with_little_between_them_are_heard():
+    """The filter leaves 1.9 s of 20 to look at."""
+    rate = 512.0
+    t = np.arange(int(20.0 * rate)) / rate
+    burst = 3e-3 * np.cos(2.0 * np.pi * 5.0 * t) * np.exp(-0.5 * ((t - 18.0) / 0.4) ** 2)
+    x = burst + 1e-5 * np.random.default_rng(1).normal(size=t.size)
+    recording = Recording({"Mz": x}, rate, {"Mz": "N*m"})
+    (peak,) = judge_bands(recording, [BandLimit(4.0, 9.0, 1e-3, "N*m")], roll_off=0.025)
+    assert 1.0 < peak.looked_at < 3.0
+    assert peak.verdict == "not judged"
+    assert "as loud as the rest" in peak.why

@@ -1735,6 +1735,21 @@ def test_a_negative_amplitude_of_a_file_is_refused(tmp_path: Path) -> None:
     assert str(raised.value).endswith(f"l.csv: {told}")
 
 
+@pytest.mark.parametrize(("least", "most"), [(1e-6, 1e-12), (2e-9, 3e-9), (0.0, 5e-10)])
+def test_an_amplitude_that_is_not_between_its_bounds_is_refused(
+    tmp_path: Path, least: float, most: float
+) -> None:
+    craft = scenario_of(whole.FullCraft(bandwidth=0.2))
+    file = tmp_path / "l.csv"
+    head = "frequency_hz,los_x_rad,los_y_rad,los_x_least_rad,los_x_most_rad\n"
+    for amplitude, ends in ((1e-9, (0.5e-9, 2e-9)), (1e-9, (1.0004e-9, 2e-9))):
+        file.write_text(f"{head}20,{amplitude},1e-9,{ends[0]},{ends[1]}\n")
+        contribution_of_other(OtherSource(name="t", lines="l.csv"), craft, FileAccess(tmp_path))
+    file.write_text(f"{head}20,1e-9,1e-9,{least},{most}\n")
+    with pytest.raises(mv.MicrovibError, match=r"row 2: los_x_rad 1e-09 is not between"):
+        contribution_of_other(OtherSource(name="t", lines="l.csv"), craft, FileAccess(tmp_path))
+
+
 def test_lines_and_densities_from_files(tmp_path: Path) -> None:
     full = whole.FullCraft(bandwidth=0.2)
     scenario = scenario_of(full)

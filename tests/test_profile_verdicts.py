@@ -10,7 +10,7 @@ from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.limits import judge
-from microvib.analysis.start import record_gap
+from microvib.analysis.start import record_gap, start_sentence
 from microvib.studies.rates import RECORD_GAP, RateCase, full_case, linear_case
 from microvib.units import Si
 
@@ -67,13 +67,45 @@ def test_a_rate_that_the_record_does_not_see_is_told(state_1, profile, settle, u
         [{"rate": "0.06 deg/s", "ramp": "10 s"}],
         [{"rate": "0.03 deg/s", "hold": "0.42 s"}, TRACKING],
         [{"rate": "0.02 deg/s", "ramp": "2 s", "hold": "0 s"}, {"rate": "0.06 deg/s", "ramp": "5 s"}],
-        [{"rate": "0.06 deg/s", "hold": "90 s"}, {"rate": "0 deg/s", "ramp": "5 s"}],
+        [{"rate": "0.06 deg/s", "hold": "50 s"}, {"rate": "0.06 deg/s"}],
+        [{"rate": "0.06 deg/s", "hold": "0.5 s"}, {"rate": "0 deg/s", "hold": "0.5 s"}, TRACKING],
         [{"rate": "0 deg/s", "hold": "5 s"}, TRACKING],
         [{"rate": "0 deg/s"}],
     ],
 )  # fmt: skip
-def test_starts_and_stops_leave_a_verdict_as_it_is(state_1, profile):
+def test_a_start_leaves_a_verdict_as_it_is(state_1, profile):
     assert gap(under(state_1, profile, settle="80 s")) == ""
+
+
+STOP_AND_GO = [{"rate": "0 deg/s", "hold": "0.4 s"}, {"rate": "0.06 deg/s", "hold": "0.4 s"}]
+
+
+@pytest.mark.parametrize(
+    ("profile", "start"),
+    [
+        ([{"rate": "0.06 deg/s", "hold": "90 s"}, {"rate": "0 deg/s", "ramp": "5 s"}], 90),
+        ([{"rate": "0.06 deg/s", "hold": "90 s"}, {"rate": "0 deg/s"}], 90),
+        ([{"rate": "0.06 deg/s", "hold": "90 s"}, *10 * STOP_AND_GO, TRACKING], 90),
+        ([{"rate": "0.06 deg/s", "hold": "30 s"}, *10 * STOP_AND_GO, TRACKING], 30),
+        ([TRACKING | {"hold": "50 s"}, TRACKING | {"hold": "50 s"}, {"rate": "0 deg/s"}], 100),
+        ([TRACKING | {"ramp": "70 s"}], 0),
+        ([{"rate": "0.02 deg/s", "ramp": "1 s", "hold": "0 s"}, {"rate": "0.021 deg/s", "ramp": "60 s", "hold": "0 s"}, TRACKING], 0),
+    ],
+)  # fmt: skip
+def test_a_rate_that_changes_besides_the_start_is_not_judged(state_1, profile, start):
+    drive = under(state_1, profile, settle="80 s")
+    for steady in (False, True):
+        told = f"while its rate changes, from {start} s on (tracking.profile)"
+        assert told in gap(drive, steady=steady)
+
+
+def test_a_start_is_said_beside_the_verdict(state_1):
+    assert start_sentence(state_1) == ""
+    twice = [TRACKING | {"hold": "50 s"}, TRACKING]
+    assert start_sentence(under(state_1, twice, settle="80 s")) == ""
+    assert start_sentence(under(state_1, [{"rate": "0 deg/s", "hold": "5 s"}, TRACKING])) == ""
+    ramped = under(state_1, [TRACKING | {"ramp": "10 s"}], settle="20 s")
+    assert start_sentence(ramped) == "The start, until 10 s (tracking.profile), is not judged."
 
 
 @pytest.fixture(scope="module")

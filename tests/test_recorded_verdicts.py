@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
-from support.tiers import sweep
+from support.tiers import at_a_release, sweep
 
 import microvib as mv
 from microvib.errors import OptionError
@@ -151,3 +152,76 @@ def test_a_band_beyond_half_the_sample_rate_has_no_rms():
     assert any("narrower than 4 bins" in note for note in narrow.recording.notes)
     wide = mv.analyse(read, bands=["10:500 Hz"])
     assert not any("narrower" in note for note in wide.recording.notes)
+
+
+@pytest.fixture(scope="module")
+def torque():
+    """Torque of state 1 in its steady state, (16384,) at 2048 Hz."""
+    record = {"record.sample_rate": "2048 Hz", "record.duration": "8 s"}
+    return mv.simulate(mv.load_scenario("state-1").with_(record), start="steady")["T_d"]
+
+
+def beside_scenario(samples: np.ndarray, noise: float, limit: str = "30 mN*m", seed: int = 0):
+    """Judgement beside state 1, and what the comparison with it says; the noise is white."""
+    x = samples + noise * np.random.default_rng(seed).normal(size=samples.size)
+    recorded = Recording({"Mz": x}, 2048.0, {"Mz": "N*m"}, "made")
+    judged = judge_recording(recorded, Limit(limit, "1 Hz", "350 Hz"), scenario="state-1")
+    return judged.verdict, "".join(one for one in judged.gaps if "beside the scenario" in one)
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [
+        (1e-3, ["1000 would be like B, as in N*m taken for mN*m"] * 4),
+        at_a_release(1e-2, ["100 would be like B, as in N*m taken for N*cm"] * 4),
+        (1.0 / 9.80665, ["9.80665 would be like B, as in kgf*m taken for N*m"] * 2 + ["", ""]),
+    ],
+)
+def test_a_unit_is_told_by_the_lines_that_noise_leaves(torque, factor, told):
+    """The largest line is 48 mN m, above the limit. In noise of twice and four times its amplitude it is
+    known to 3 and 6 %, which does not tell 9.81 from 8.85.
+    """
+    for seed, (noise, by) in enumerate(zip((0.03, 0.05, 0.1, 0.2), told, strict=True)):
+        verdict, said = beside_scenario(factor * torque, noise * factor, seed=seed)
+        assert verdict == "not judged"
+        if by:
+            assert f"A multiplied by {by}: check" in said
+        else:
+            assert "A has far less than B of every main line that its noise does not hide" in said
+            assert re.search(r"\(drive_1 at (9|1\d)\.?\d* %,", said)
+
+
+@pytest.mark.parametrize("noise", sweep([1e-5, 1e-3, 0.1, 0.2], 1e-3, 0.2))
+def test_a_record_without_the_drive_passes_no_limit(torque, noise):
+    verdict, said = beside_scenario(0.0 * torque, noise, "45 mN*m")
+    assert verdict == "not judged"
+    assert "A shows none of the main lines of B (drive_1 at most at " in said
+
+
+def without(samples: np.ndarray, frequencies, factor: float) -> np.ndarray:
+    """Samples with lines times a factor."""
+    spectrum, f = np.fft.rfft(samples), np.fft.rfftfreq(samples.size, 1.0 / 2048.0)
+    for line in frequencies:
+        spectrum[np.abs(f - line) < 0.6] *= factor
+    return np.fft.irfft(spectrum, samples.size)
+
+
+@pytest.mark.parametrize(
+    ("lines", "decibel"),
+    [
+        (1, -20),
+        (8, -10),
+        (0, -10),
+        at_a_release(1, -10),
+        at_a_release(2, -20),
+        at_a_release(8, -20),
+    ],
+)
+def test_a_quieter_drive_passes(torque, lines, decibel):
+    """Some driving lines are smaller than the scenario's, or (0) everything is by 10 dB."""
+    factor = 10.0 ** (decibel / 20.0)
+    quieter = without(torque, [53.333 * k for k in range(1, lines + 1)], factor)
+    if not lines:
+        quieter = factor * torque
+    for noise in (1e-6, 1e-3, 0.03):
+        assert beside_scenario(quieter, noise, "60 mN*m") == ("pass", "")

@@ -271,3 +271,24 @@ def test_units_may_differ_and_a_record_that_cannot_show_a_line_lacks_none():
     assert noisy.name not in repeatability([run(1, "A"), run(2, "A"), noisy]).absent
     slow = Prepared(recorded(4).decimated(8))  # shows lines up to 22 Hz
     assert not repeatability([run(1), run(2), RecordedRun("slow", slow)]).absent
+
+
+@pytest.mark.parametrize(
+    ("gains", "verdict"),
+    [
+        ((1.0, 1.0, 0.5, 0.5), "not judged"),
+        ((1.0, 0.7, 0.6, 0.4), "not judged"),
+        ((1.0, 1.0, 0.7, 0.7), "pass"),
+        ((1.0, 1.0, 1.0, 1.0), "pass"),
+    ],
+)
+def test_a_unit_whose_runs_are_a_factor_of_two_apart_does_not_pass(gains, verdict):
+    """Two of four at half: none is an outlier of the others, and it is not known which are right."""
+    runs = [run(k, "A", gains=gain) for k, gain in enumerate(gains)]
+    found = judged(*runs, run(8, "B"), run(9, "B"))
+    assert found.verdict == verdict
+    assert [one.verdict for one in found.runs] == ["pass"] * 6
+    if verdict != "pass":
+        assert "of the same unit: do unit of measure, gain and mounting" in found.run_warnings[-1]
+        times = float(re.search(r"has ([\d.]+) times", found.run_warnings[-1])[1])
+        assert times == pytest.approx(max(gains) / min(gains), rel=0.05)

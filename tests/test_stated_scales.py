@@ -55,6 +55,17 @@ def test_parts_of_something_are_told_from_its_range(remark):
     assert not remark_may_scale("full scale 1000 Nm", ["N m"])
 
 
+def test_numbers_that_are_no_samples_of_the_load_are_told():
+    for remark in (
+        "Data type: peak-to-peak",
+        "Quantity: RMS",
+        "values: envelope",
+        "Werte: Effektivwerte",
+    ):
+        assert remark_may_scale(remark, ["N m"])
+    assert not remark_may_scale("noise of the table 5e-6 N m RMS", ["N m"])
+
+
 def of_mat(path, **beside):
     savemat(path, {"Mz": {"values": MZ, "unit": "Nm"} | beside, "fs": RATE})
 
@@ -92,7 +103,32 @@ def of_netcdf(path, **beside):
             f["Mz"].attrs[key] = value
 
 
+def of_labview(path, **beside):
+    names = {"description": "Description", "comment": "Notes"}
+    own = [f"{names.get(key, key.capitalize())}\t{value}" for key, value in beside.items()]
+    top = [
+        "LabVIEW Measurement",
+        "Separator\tTab",
+        "Decimal_Separator\t.",
+        "X_Columns\tNo",
+        "***End_of_Header***",
+    ]
+    part = [
+        "Channels\t1",
+        f"Samples\t{T.size}",
+        "Y_Unit_Label\tNm",
+        *own,
+        "X0\t0",
+        f"Delta_X\t{1.0 / RATE}",
+    ]
+    rows = "".join(f"\t{x:.9g}\n" for x in MZ)
+    path.write_text(
+        "\n".join([*top, *part, "***End_of_Header***", "X_Value\tMz\tComment"]) + "\n" + rows
+    )
+
+
 FORMATS = [
+    (of_labview, ".lvm"),
     (of_mat, ".mat"),
     (of_tdms, ".tdms"),
     (of_tdms_group, ".tdms"),
@@ -169,3 +205,12 @@ def test_a_unit_of_the_group_that_contradicts_the_channels_is_refused(tmp_path):
     of_tdms(tmp_path / "a.tdms", Einheit="kNm")
     with pytest.raises(RecordingError, match="channel Mz has two units, 'kNm' in its Einheit"):
         read_recording(tmp_path / "a.tdms")
+
+
+def test_two_attributes_or_fields_of_a_unit_that_contradict_each_other_are_refused(tmp_path):
+    of_netcdf(tmp_path / "a.nc", unit="kN m")
+    with pytest.raises(RecordingError, match="channel Mz has two units, 'kN m' in its unit"):
+        read_recording(tmp_path / "a.nc")
+    savemat(tmp_path / "a.mat", {"Mz": MZ, "Mz_unit": "Nm", "Mz_units": "kNm", "fs": RATE})
+    with pytest.raises(RecordingError, match="channel Mz has two units, 'kNm' in Mz_units"):
+        read_recording(tmp_path / "a.mat")

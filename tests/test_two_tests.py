@@ -17,7 +17,13 @@ from microvib.signals.line_table import IN_BACKGROUND
 from microvib.studies.analyse import analyse
 from microvib.studies.compare import misread
 from microvib.studies.measure import measure
-from microvib.studies.misreading import common_scale, consensus
+from microvib.studies.misreading import (
+    ShownLine,
+    common_scale,
+    consensus,
+    lacking_lines,
+    unit_of_lacking,
+)
 from microvib.testdata.bench import measure as bench_measure
 from microvib.testdata.recording import Recording
 
@@ -127,6 +133,50 @@ def test_a_sign_and_an_axis_are_told_beside_a_resonance_of_the_table(tests, on_s
         assert said.startswith("A with its sign reversed would be like B: check")
     said = hints(swapped(times(on_soft_table, 1e-3), "My"), a, scenario)
     assert "My of A has the lines of Mz of B, multiplied by 1000, as in N*m taken for mN*m" in said
+
+
+@pytest.mark.parametrize("part", [0.01, 1.0 / 30.0])
+def test_an_axis_is_told_where_the_named_one_has_a_part_of_its_lines(tests, part):
+    """Cross-talk: all lines are in the named channel at one scale, and as they are in another one."""
+    scenario, a, b = tests
+    x = b.channels
+    leaking = replace(b, channels={**x, "Mx": x["Mz"], "Mz": part * x["Mz"]})
+    for guide in (scenario, None):
+        said = hints(a, leaking, guide)
+        assert f"Mx of B has the lines of Mz of A, and its Mz has them at {part:.2f}" in said
+        assert "divided" not in said
+    assert "Mx" not in hints(a, replace(b, channels={**x, "Mx": 0.01 * x["Mz"]}), scenario)
+
+
+def shown(*lines) -> list[ShownLine]:
+    """Lines as (expected, amplitude, uncertainty); above the floor from seven uncertainties."""
+    return [ShownLine(f"line_{k}", a, b, s, b > 7.0 * s) for k, (a, b, s) in enumerate(lines)]
+
+
+def test_hidden_lines_vote_neither_for_nor_against_a_unit():
+    seen, hidden = (1.0, 1.02e-3, 2e-5), (0.3, 6e-5, 2e-5)
+    small = [(0.15, 4e-5, 2e-5), (1e-4, 4e-5, 2e-5)]  # at more than its size, and no main line
+    lines = lacking_lines(shown(seen, hidden, *small))
+    assert [x.name for x in lines] == ["line_0", "line_1", "line_2"]
+    assert (
+        unit_of_lacking(lines) == 0.0
+    )  # 0.3 in the thousand is 15 uncertainties, and is not there
+    lines = lacking_lines(shown(seen, (0.3, 2.6e-4, 2e-5), *small))
+    assert unit_of_lacking(lines) == 0.0  # 0.15 is not there
+    lines = lacking_lines(shown((1.0, 1.1e-3, 1e-4), (0.3, 5e-4, 1e-4), (0.15, 5e-5, 1e-4)))
+    assert unit_of_lacking(lines) == pytest.approx(math.log(1e3))
+    lines = lacking_lines(shown((1.0, 0.107, 4e-3), (0.3, 0.04, 1.2e-2)))
+    assert lines
+    assert unit_of_lacking(lines) == 0.0  # 8.85 and 9.81 fit both
+
+
+def test_one_main_line_as_it_should_be_or_too_much_noise_lacks_nothing():
+    small = [(1.0, 1e-3, 1e-5), (0.5, 5e-4, 1e-5)]
+    assert lacking_lines(shown(*small))
+    assert not lacking_lines(shown(*small, (0.2, 0.1, 1e-5)))
+    assert lacking_lines(shown(*small, (0.05, 0.05, 1e-5)))  # may be another machine's
+    assert not lacking_lines(shown((1.0, 0.1, 0.2), (0.5, 0.1, 0.2)))
+    assert not lacking_lines([])
 
 
 FREQUENCIES = [3.3, 6.7, *(53.3 * k + 3.3 * m for k in range(1, 9) for m in (-1, 0, 1))]

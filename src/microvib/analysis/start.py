@@ -5,9 +5,12 @@ its array turns.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
@@ -20,7 +23,7 @@ from microvib.model.slow_variations import (
     slow_variations,
     unseen_variations,
 )
-from microvib.model.tracking import HeldRate
+from microvib.model.tracking import HeldRate, Tracking
 from microvib.model.turning import (
     GROWN_EFOLDINGS,
     TurningDrive,
@@ -165,6 +168,10 @@ the gear (tests/test_slow_variations.py).
 """
 VARIATION_FACTOR = 4.0
 """Times that they may be larger at most; assumed."""
+_START_CYCLES = 3.0
+"""Cycles of the slowest mode within which a shaped start is over, whatever its steps; assumed."""
+_RISING_CYCLES = 30.0
+"""Cycles within which one is over whose rate only rises; assumed. Slower ones dwell in resonances."""
 _ONSET_EFOLDINGS = 1.0
 """e-foldings of the slowest mode before which what rings may keep lines from what they last with."""
 
@@ -235,23 +242,117 @@ def _short_record_gap(scenario: Scenario, duration: float) -> RecordGap | None:
 
 
 def unseen_rates_gap(scenario: Scenario) -> RecordGap | None:
-    """Reason why a record at one rate does not show the lines of a profile that holds others; None
-    where it holds none.
+    """Reason why a record at one rate does not show what a profile makes at others, or while the rate
+    changes; None where it commands nothing else.
 
-    Ramps, and legs that last less than a cycle of the slowest mode, are parts of a start or a stop,
-    as the steps of a shaped one are, unless they go faster than the record does. A leg at rest makes
-    no lines.
+    What comes before the record is its start, and not judged (``start_sentence`` says so), where the rate
+    is that of the record within some cycles of the slowest mode, more of them if it only rises; what takes
+    longer runs through the modes slowly, and legs that last longer than a cycle, or go faster, are rates of
+    their own.
     """
     recorded = scenario.rate
     if recorded is None or scenario.tracking.profile is None:
         return None
     cycle = max((1.0 / mode.frequency for mode in _shaft_modes(scenario)), default=0.0)
-    for one in scenario.tracking.held_rates():
+    held = scenario.tracking.held_rates()
+    why = (
+        _another_rate_reason(scenario, held, recorded, cycle)
+        or _slow_start_reason(scenario, held, cycle)
+        or _changes_behind_reason(scenario, held)
+    )
+    return RecordGap(why, turns=recorded != 0.0) if why else None
+
+
+def _another_rate_reason(
+    scenario: Scenario, held: Sequence[HeldRate], recorded: float, cycle: float
+) -> str:
+    """Reason why a rate that is held for longer than a ``cycle`` [s], or a higher one, is not seen; empty
+    without one.
+    """
+    for one in held:
         faster = abs(one.rate) > abs(recorded)
         lasts = one.passed if faster else one.lasts
         if one.rate not in (0.0, recorded) and lasts > cycle:
-            return RecordGap(_unseen_rate_reason(scenario, one, recorded), turns=recorded != 0.0)
-    return None
+            return _unseen_rate_reason(scenario, one, recorded)
+    return ""
+
+
+def _slow_start_reason(scenario: Scenario, held: Sequence[HeldRate], cycle: float) -> str:
+    """Reason why what comes before the rate of a record is more than a start; empty where it is one."""
+    k = _recorded_leg(scenario, held)
+    if held[k].rate == 0.0 or cycle == 0.0:
+        return ""
+    falls = [b.start for a, b in pairwise(held[: k + 1]) if abs(b.rate) < abs(a.rate)]
+    begins = _first_motion(scenario.tracking)
+    if held[k].start - begins <= (_START_CYCLES if falls else _RISING_CYCLES) * cycle:
+        return ""
+    return _changing_rate_reason(scenario, falls[0] if falls else begins)
+
+
+def _changes_behind_reason(scenario: Scenario, held: Sequence[HeldRate]) -> str:
+    """Reason why a change of rate behind the record is not seen; empty where there is none."""
+    k = _recorded_leg(scenario, held)
+    for before, after in pairwise(held[k:]):
+        if after.rate != before.rate:
+            return _changing_rate_reason(scenario, before.start + before.lasts)
+    return ""
+
+
+def start_sentence(scenario: Scenario) -> str:
+    """Sentence on the starts by profiles of rate, until when they last and that they are not judged; empty
+    without one.
+    """
+    trackings = {"tracking": scenario.tracking}
+    craft = scenario.spacecraft
+    if (
+        craft is not None
+        and craft.second_wing is not None
+        and craft.second_wing.tracking is not None
+    ):
+        trackings["spacecraft.second_wing.tracking"] = craft.second_wing.tracking
+    lasts = {}
+    for key, tracking in trackings.items():
+        if tracking.profile is None:
+            continue
+        held = tracking.held_rates()
+        reached = held[_recorded_leg(scenario, held)].start
+        if _first_motion(tracking) < reached:
+            lasts[key] = reached
+    if not lasts:
+        return ""
+    until = " and ".join(f"until {time:.4g} s ({key}.profile)" for key, time in lasts.items())
+    return f"The start, {until}, is not judged."
+
+
+def _first_motion(tracking: Tracking) -> float:
+    """When a command leaves rest [s]."""
+    times, rates = tracking.breakpoints()
+    moving = np.flatnonzero(rates != 0.0)
+    if not moving.size:
+        return math.inf
+    return float(times[max(int(moving[0]) - 1, 0)])
+
+
+def _recorded_leg(scenario: Scenario, held: Sequence[HeldRate]) -> int:
+    """Number of the leg whose rate a record at one rate has: the first of those that follow each other at
+    it.
+    """
+    record = scenario.record
+    stop = record.settle + record.duration
+    k = max((k for k, one in enumerate(held) if one.start < stop), default=0)
+    while k > 0 and held[k - 1].rate == held[k].rate:
+        k -= 1
+    return k
+
+
+def _changing_rate_reason(scenario: Scenario, start: float) -> str:
+    """Why what a profile makes while its rate changes is not seen, and what to do."""
+    record = scenario.record
+    return (
+        f"what the array does while its rate changes, from {start:.6g} s on (tracking.profile): the record,"
+        f" from {record.settle:g} to {record.settle + record.duration:g} s, is at one rate (tracking.rate"
+        " judges that rate alone)"
+    )
 
 
 def _unseen_rate_reason(scenario: Scenario, unseen: HeldRate, recorded: float) -> str:

@@ -21,6 +21,7 @@ from microvib.io.labview import read_labview
 from microvib.io.matlab import read_matlab
 from microvib.io.measured import Axis, Column, Hints, recording_of, stated_rates
 from microvib.io.sound import read_sound
+from microvib.io.stated_scales import names_factor
 from microvib.io.structs import columns_of
 from microvib.io.uff import read_uff
 from microvib.testdata.channels import is_time
@@ -48,13 +49,23 @@ def _read_netcdf(path: Path, hints: Hints) -> Recording:
                 _decoded(x),
                 str(x.attribute("units") or ""),
                 rates,
-                scales=_not_of_the_convention(x),
+                scales=_root_factors(root) | _not_of_the_convention(x),
+                units={
+                    f"in its {name}": str(x.attribute(name))
+                    for name in ("units", "unit")
+                    if x.attribute(name)
+                },
                 remarks=_netcdf_remarks(root, x),
             )
             for name, x in variables.items()
             if len(x.shape) == 1 and x.shape[0] > 1
         ]
     return recording_of(_torque_of_motion(columns), hints, mixed=True)
+
+
+def _root_factors(root: Group) -> dict[str, Any]:
+    """Attributes of the file that may be factors of all its variables."""
+    return {name: root.attribute(name) for name in root.attributes() if names_factor(name)}
 
 
 def _netcdf_remarks(root: Group, x: Dataset) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from microvib.io.delimited import read_delimited, read_text_of
 from microvib.io.measured import Axis, Column, Hints, recording_of
+from microvib.io.stated_scales import names_factor
 from microvib.testdata.recording import Recording, RecordingError
 
 _END = "***End_of_Header***"
@@ -152,6 +153,7 @@ def _column(
         own.get("Y_Unit_Label", ""),
         time=time,
         axis=axis,
+        scales={key: cell for key, cell in own.items() if names_factor(key)},
         remarks=tuple(_remarks({key: [cell] for key, cell in own.items()})),
     )
 

@@ -278,7 +278,7 @@ def _uncertain_scale(channel: Column, units: Sequence[str], hints: Hints) -> Ite
 
 
 def _of_uncertain_scale(channel: Column, units: Sequence[str]) -> str:
-    """What a file says that may concern the scale of a channel, as a clause; empty where nothing does."""
+    """Clause on the scale of a channel as its file says it; empty where it says nothing."""
     for name, value in channel.scales.items():
         if is_factor(name, value):
             shown = value if isinstance(value, str) else f"{float(np.ravel(value)[0]):.6g}"

@@ -1,4 +1,4 @@
-"""What a file's names, numbers and free texts beside its samples say of their scale.
+"""Scales of samples, as far as a file's names, numbers and free texts beside them say anything of them.
 
 Samples that may be in thousandths, or still volts, let no limit pass until the preparation states what
 they are. Texts are free: what is recognised here is what may concern the scale, not what it is.
@@ -60,6 +60,15 @@ _RELATIVE = re.compile(
     re.IGNORECASE,
 )
 """Words that say that samples are parts of something, whatever else the remark is about."""
+_KIND = re.compile(
+    r"\b(?:data|values?|quantity|type|amplitudes?|samples?|daten|werte?|gr(?:ö|oe)(?:ß|ss)e)\b.*"
+    r"\b(?:rms|eff\w*|peak.?(?:to.?)?peak|spitze.?spitze|envelopes?|h(?:ü|ue)llkurven?|differentiated|integrated|spectr(?:um|a))\b",
+    re.IGNORECASE,
+)
+"""Words that say that the numbers are no samples of the quantity itself."""
+_PREFIX_IN_NAME = re.compile(
+    r"(?:\b|_)(?:kilo|milli|micro|mikro|volts?|log|dB)(?:\b|_)", re.IGNORECASE
+)
 _SCALES = re.compile(
     r"divi[ds]|teil(er|t)|pre.?amp|coeff|koeff|konstant|constant|umrechn|exponent|fa[ck]t|steigung|slope"
     r"|ratio\b|verh(ä|ae)ltnis|per unit|kilo|milli|multipl|scal(e|ing)|skal|(?<![a-z])dB(?![a-z])",
@@ -121,8 +130,10 @@ def is_factor(name: str, value: Any) -> bool:
 
 
 def name_may_scale(channel: str) -> bool:
-    """Whether a channel's name holds a factor, as ``Mz/1000``, ``Mz x 0.001`` and ``Mz gain 100`` do."""
-    return bool(_FACTOR_IN_NAME.search(channel) or _NUMBER_OF_FACTOR.search(channel))
+    """Whether a channel's name holds a factor, as ``Mz/1000``, ``Mz x 0.001``, ``Mz gain 100`` and
+    ``Mz normalised`` do."""
+    about_scale = (_FACTOR_IN_NAME, _NUMBER_OF_FACTOR, _RELATIVE, _PREFIX_IN_NAME)
+    return any(each.search(channel) for each in about_scale)
 
 
 def remark_may_scale(remark: str, units: Sequence[str]) -> bool:
@@ -133,7 +144,7 @@ def remark_may_scale(remark: str, units: Sequence[str]) -> bool:
         return False
     if any(_is_another_unit(unit, units) for unit in _LOAD_UNIT.findall(remark)):
         return True
-    if _VOLTS_PER.search(remark) or _RELATIVE.search(remark):
+    if any(each.search(remark) for each in (_VOLTS_PER, _RELATIVE, _KIND)):
         return True
     if _SCALES_NOTHING.search(remark) or _ONE.fullmatch(remark):
         return False

@@ -145,6 +145,9 @@ class _Struct:
     name: str
     numbers: Mapping[str, np.ndarray]
     unit_of: Mapping[str, str]  # units by the fields that they are of
+    further_units: Mapping[
+        str, Mapping[str, str]
+    ]  # other fields' units of the same, by these fields
     axis_unit: str
     names: list[str]  # of channels, listed in one field
     units: list[str]
@@ -206,6 +209,7 @@ class _Struct:
             said["in the struct's unit"] = self.units[0]
         if self._holds_values(key) or len(self.channels) == 1:
             said["in a field beside the struct"] = beside
+        said |= {f"in {field}": unit for field, unit in self.further_units.get(key, {}).items()}
         return {where: unit for where, unit in said.items() if unit}
 
 
@@ -241,6 +245,7 @@ def _struct(name: str, fields: Mapping[str, Any]) -> _Struct:
         name,
         numbers,
         _unit_fields(fields),
+        {key: _fields_of_unit(fields, key) for key in numbers},
         _axis_unit(fields),
         _texts(_of(fields, _NAMES)),
         _texts(_of(fields, _UNITS)),
@@ -249,26 +254,28 @@ def _struct(name: str, fields: Mapping[str, Any]) -> _Struct:
 
 def _unit_fields(fields: Mapping[str, Any]) -> dict[str, str]:
     """Units by the fields that they are of: a struct ``units``, or fields such as ``Mz_unit``."""
-    found: dict[str, str] = {}
-    texts = {_word(k): v.strip() for k, v in fields.items() if isinstance(v, str)}
-    for key in fields:
-        word = _word(key)
-        own = (
-            f"{word}unit",
-            f"{word}units",
-            f"unit{word}",
-            f"units{word}",
-            f"{word}eu",
-            f"unitof{word}",
-            f"{word}unitstring",
-        )
-        unit = next((texts[name] for name in own if texts.get(name)), "")
-        if unit:
-            found[key] = unit
+    said = {key: _fields_of_unit(fields, key) for key in fields}
+    found = {key: next(iter(units.values())) for key, units in said.items() if units}
     for key, value in fields.items():
         if isinstance(value, Mapping) and _word(key) in _UNITS:
             found |= {k: v.strip() for k, v in value.items() if isinstance(v, str)}
     return found
+
+
+def _fields_of_unit(fields: Mapping[str, Any], key: str) -> dict[str, str]:
+    """Texts that are called a unit of a field, by their own fields."""
+    word = _word(key)
+    names = [
+        f"{word}unit",
+        f"{word}units",
+        f"unit{word}",
+        f"units{word}",
+        f"{word}eu",
+        f"unitof{word}",
+        f"{word}unitstring",
+    ]
+    texts = {_word(k): (k, v.strip()) for k, v in fields.items() if isinstance(v, str)}
+    return dict(texts[name] for name in names if texts.get(name, ("", ""))[1])
 
 
 def _axis_unit(fields: Mapping[str, Any]) -> str:

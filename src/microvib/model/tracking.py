@@ -115,8 +115,8 @@ class Tracking(Part):
         return np.array(times), np.array(rates)
 
     def held_rates(self) -> list[HeldRate]:
-        """Rates that the command reaches, in order; they carry the clock ratio."""
-        legs = self.profile or (Leg(rate=float(self.rate or 0.0)),)
+        """Rates that the legs of a profile reach, in order, none without one; they carry the clock ratio."""
+        legs = self.profile or ()
         found, now = [], 0.0
         for leg, after in zip(legs, (*legs[1:], None), strict=True):
             now += leg.ramp

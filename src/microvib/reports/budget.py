@@ -11,6 +11,7 @@ import numpy as np
 
 from microvib.analysis.margins import Verdict
 from microvib.analysis.pointing import LEFT_OUT, TORQUE_SPREAD
+from microvib.analysis.start import start_sentence
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import brief_number, count_text
@@ -236,6 +237,7 @@ def _basis(budget: Budget) -> str:
     said += _ranges(budget)
     if budget.requirements and budget.requirements.source:
         said += [f"Required by: {budget.requirements.source}."]
+    said += filter(None, [start_sentence(budget.scenario)])
     return " ".join([*said, *budget.without_steady, angles])
 
 

@@ -16,7 +16,13 @@ from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.results import Table
 from microvib.signals.ridges import PowerMap, Ridge
 from microvib.studies.budget.files import LOADS_OF_WHEEL
-from microvib.studies.wheel import HarmonicRow, MeasuredWheel, ModeRow, UnexplainedRow
+from microvib.studies.wheel import (
+    HarmonicRow,
+    MeasuredWheel,
+    ModeRow,
+    UnexplainedRow,
+    speeds_in_words,
+)
 from microvib.studies.wheel_fit import ridge_paths
 
 if TYPE_CHECKING:
@@ -29,8 +35,8 @@ _RPM = 2.0 * np.pi / 60.0
 _MODE_COLOUR = "#ff5c5c"
 _HARMONICS_CAPTION = (
     "Coefficients times the square of the speed are amplitudes, 0-to-peak. Least and most are the ends of"
-    " the 95 % interval by the scatter over speeds; a harmonic that is not seen in a load may be up to"
-    " *most*."
+    " the 95 % interval by the scatter over speeds, and hold what is clearly seen at single speeds; a harmonic"
+    " that is not seen in a load may be up to *most*."
 ).replace("*", "")
 _MODES_CAPTION = (
     "± are standard uncertainties of the fit. The budget's file has twice these; a damping that only the width"
@@ -97,13 +103,39 @@ def _about(found: MeasuredWheel) -> Iterator[tuple[str, str]]:
             "Note",
             f"{names}: not measured; a budget passes nothing until they are taken out of not_measured in wheel.yaml",
         )
-    gap = float(np.max(np.diff(one.speed)))
-    if gap > 4.0 * float(np.median(np.diff(one.speed))):
-        at = int(np.argmax(np.diff(one.speed)))
-        ends = (one.speed[at] / _RPM, one.speed[at + 1] / _RPM)
+    yield from (("Note", text) for text in _left_out(found))
+    speed = found.measured
+    gap = float(np.max(np.diff(speed)))
+    if gap > 4.0 * float(np.median(np.diff(speed))):
+        at = int(np.argmax(np.diff(speed)))
+        ends = (speed[at] / _RPM, speed[at + 1] / _RPM)
         yield "Note", f"no speed was measured between {ends[0]:.5g} and {ends[1]:.5g} rpm"
     if found.left_out:
         yield "Note", f"{found.left_out} more peaks are of no ridge"
+
+
+def _left_out(found: MeasuredWheel) -> Iterator[str]:
+    """Speeds and frequencies of the spectra that are not used."""
+    failed = {load: x for load, x in found.failed.items() if x.any()}
+    in_all = np.all(list(found.failed.values()), axis=0)
+    speed = next(iter(found.maps.values())).speed
+    if in_all.any():
+        yield _failed_words(speed[in_all], "any load")
+    for load, x in failed.items():
+        if np.any(x & ~in_all):
+            yield _failed_words(speed[x & ~in_all], load.replace("_", " "))
+    if found.spectra_up_to > found.highest:
+        yield (
+            f"above {found.highest:.4g} Hz all orders or the noise fall off, as by the analyser's filter: left"
+            " out, a budget judges nothing there"
+        )
+
+
+def _failed_words(speeds: np.ndarray, where: str) -> str:
+    return (
+        f"no order that other speeds show is seen in {where} at {speeds_in_words(speeds.tolist())}, as if the"
+        " wheel stood or the run failed: left out"
+    )
 
 
 # ---- Files for a budget ----

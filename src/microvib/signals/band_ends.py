@@ -1,7 +1,7 @@
 """How loud a band is at the ends of a record, where its filter's transients are left out.
 
 A filter sees no further than the record, and what is cut there is heard at all frequencies. The ends are
-therefore filtered without the steady tones beside the band, and with their own mirror image behind them.
+therefore filtered with their own mirror image behind them, with and without the steady tones beside the band.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ _AT_ONCE = 1_000_000
 _REACHES = 16
 """Times the filter's reach that is looked at for tones beside the band."""
 _MOST_TONES = 12
+_BESIDE = 8.0
+"""Bins within which tones are fitted together."""
 _SMALL_TONE = 0.02
 """Amplitude of a tone beside the band, over the largest magnitude in it, below which it stays: the mirror
 image makes less of it."""
@@ -46,15 +48,15 @@ def loudness_of_ends(
     passed : callable
         The filter; as many samples as it is given.
     band : tuple of float
-        Frequencies over the sample rate beyond whose ends the filter passes nothing.
+        Its edges over the sample rate.
     """
-    largest = float(np.max(np.abs(inner)))
-    ends = [_end_in_band(each, reach, passed, band, _SMALL_TONE * largest) for each in (x, x[::-1])]
+    least = _SMALL_TONE * float(np.max(np.abs(inner)))
+    ends = [_end_in_band(each, reach, passed, band, least) for each in (x, x[::-1])]
     found = 1.0
     for length in sorted({min(length, inner.size) for length in (reach, reach // 2, reach // 4)}):
         if length < _SHORTEST:
             continue
-        loudest = max(_loudest_piece(end, length) for end in ends)
+        loudest = max(min(_loudest_piece(each, length) for each in end) for end in ends)
         between = _loudest_piece(inner, length)
         if loudest > 0.0:
             found = max(found, loudest / between if between > 0.0 else math.inf)
@@ -67,29 +69,37 @@ def _end_in_band(
     passed: Callable[[np.ndarray], np.ndarray],
     band: tuple[float, float],
     least: float,
-) -> np.ndarray:
-    """The band in the last ``reach`` samples of ``x``, (reach,); tones beside it down to an amplitude of
-    ``least`` are taken out as they are before these.
+) -> tuple[np.ndarray, np.ndarray]:
+    """The band in the last ``reach`` samples of ``x`` as it is, and without the tones beside it that go on
+    from before, down to an amplitude of ``least``; (reach,) each.
+
+    What is new at the end is loud in both: tones are cut there in the one, and what varies like a tone
+    for a while is taken to go on in the other.
     """
     part = x[-_REACHES * reach :]
+    kept = slice(part.size - reach, part.size)
     rest = part - _steady_tones(part, part.size - reach, band, least)
-    return passed(np.pad(rest, (0, reach), mode="symmetric"))[part.size - reach : part.size]
+    as_it_is, without = (
+        passed(np.pad(each, (0, reach), mode="symmetric"))[kept] for each in (part, rest)
+    )
+    return as_it_is, without
 
 
 def _steady_tones(x: np.ndarray, known: int, band: tuple[float, float], least: float) -> np.ndarray:
     """Sum over all of ``x`` (n,) of the tones outside a band that its first ``known`` samples hold."""
-    before = x[:known]
-    frequencies: list[float] = []
-    rest = before
+    frequencies, amplitudes = np.zeros(0), np.zeros(0, complex)
+    rest = x[:known]
     for _ in range(_MOST_TONES):
         frequency, amplitude = _largest_tone(rest, band)
         if amplitude < max(least, 1e-300):
             break
-        frequencies.append(frequency)
-        rest = rest - _tones(rest, np.array([frequency]), known)
-    if not frequencies:
-        return np.zeros(x.size)
-    return _tones(before, np.array(frequencies), x.size)
+        near = np.abs(frequencies - frequency) < _BESIDE / known
+        together = rest + _tones(frequencies[near], amplitudes[near], known)
+        f, a = _fitted(together, np.append(frequencies[near], frequency))
+        rest = together - _tones(f, a, known)
+        frequencies = np.append(frequencies[~near], f)
+        amplitudes = np.append(amplitudes[~near], a)
+    return _tones(frequencies, amplitudes, x.size)
 
 
 def _largest_tone(x: np.ndarray, band: tuple[float, float]) -> tuple[float, float]:
@@ -105,19 +115,23 @@ def _largest_tone(x: np.ndarray, band: tuple[float, float]) -> tuple[float, floa
     return float(f[k]), float(magnitude[k])
 
 
-def _tones(x: np.ndarray, frequencies: np.ndarray, size: int) -> np.ndarray:
-    """Sum of the tones, nearest to these ``frequencies`` (m,) over the sample rate, that fit ``x`` best
-    together, (size,).
+def _fitted(x: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies over the sample rate, from these ``frequencies`` (m,) on, and complex amplitudes of the
+    tones that fit ``x`` best together.
     """
     for _ in range(_ROUNDS):
         amplitude, slope = _least_squares(x, frequencies, 2)
         step = np.imag(slope * amplitude.conj()) / np.maximum(np.abs(amplitude) ** 2, 1e-300)
         frequencies = frequencies + np.clip(step / (np.pi * x.size), -0.5 / x.size, 0.5 / x.size)
-    (amplitude,) = _least_squares(x, frequencies, 1)
+    return frequencies, _least_squares(x, frequencies, 1)[0]
+
+
+def _tones(frequencies: np.ndarray, amplitudes: np.ndarray, size: int) -> np.ndarray:
+    """Sum of tones, (size,)."""
     total = np.zeros(size)
     for at in range(0, size, _AT_ONCE):
         k = np.arange(at, min(at + _AT_ONCE, size))
-        for each, a in zip(frequencies.tolist(), amplitude.tolist(), strict=True):
+        for each, a in zip(frequencies.tolist(), amplitudes.tolist(), strict=True):
             total[k] += np.real(a * np.exp(2j * np.pi * each * k))
     return total
 

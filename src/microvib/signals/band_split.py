@@ -130,11 +130,10 @@ def split_band(
     top = min(high * (1.0 + roll_off) / rate, 0.5)
     leak = LEAK * float(np.max(np.abs(x)))
     margin = min(reach, _MARGIN)
-    passing = (low * (1.0 - roll_off) / rate, high * (1.0 + roll_off) / rate)
     longer = slice(reach - margin, x.size - reach + margin)
     return BandHistory(
         reach, y[kept], inner[kept], envelope[kept], leak, top, (y[longer], inner[longer]), margin,
-        loudness_of_ends(x, reach, y[kept], nominal, passing),
+        loudness_of_ends(x, reach, y[kept], nominal, (low / rate, high / rate)),
     )  # fmt: skip
 
 

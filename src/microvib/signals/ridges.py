@@ -55,6 +55,13 @@ class PowerMap:
         """The map of either axis alone; none where it is of one."""
         return tuple(replace(self, power=power, axes=()) for power in self.axes)
 
+    def up_to_bin(self, count: int) -> PowerMap:
+        """The map of its first bins alone."""
+        return replace(
+            self, frequency=self.frequency[:count], power=self.power[:, :count],
+            axes=tuple(power[:, :count] for power in self.axes),
+        )  # fmt: skip
+
     @property
     def smear(self) -> np.ndarray:
         """By how much the speed changes during a spectrum [rad/s], (n,)."""
@@ -72,8 +79,9 @@ class PowerMap:
         """Independent spectra that each power is the mean of, by the scatter of the floor."""
         from scipy.stats import gamma
 
-        logs = np.log(np.maximum(self.power / self._median, 1e-30))
-        spread = float(np.subtract(*np.percentile(logs[:, _FIRST_BIN:], [75, 25])))
+        ratio = (self.power / self._median)[:, _FIRST_BIN:]
+        logs = np.log(ratio[ratio > 0.0])  # spectra or bins of zeros are of no noise
+        spread = float(np.subtract(*np.percentile(logs, [75, 25])))
         trial = np.geomspace(0.5, 2000.0, 120)
         wanted = np.log(gamma.ppf(0.75, trial) / gamma.ppf(0.25, trial))
         return float(np.exp(np.interp(-spread, -wanted, np.log(trial))))

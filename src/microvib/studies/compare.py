@@ -33,13 +33,16 @@ from microvib.studies.misreading import (
     MIN_LOG_SCALE,
     MIN_MEAN_COSINE_BELOW,
     Ratios,
+    ShownLine,
     best_reversal,
     common_scale,
     consensus,
     followed_up_to,
     is_of_units,
+    lacking_lines,
     other_axis,
     scale_in_words,
+    unit_of_lacking,
 )
 from microvib.testdata.recording import Recording
 from microvib.text_tables import counted
@@ -58,6 +61,7 @@ FREQUENCY_TOLERANCE = 1e-4
 """Relative difference of frequency up to which unexpected lines of aligned clocks are the same, or
 three uncertainties.
 """
+_MOST_NAMED = 4
 
 
 @dataclass(frozen=True)
@@ -299,8 +303,10 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
     axes = _misread_axes(a, b)
     if axes:
         return axes  # lines of different axes are of no common scale or sign
-    ratios = _log_ratios(rows)
+    ratios, lacking = _log_ratios(rows), _lacking(a, b, rows)
     scale = common_scale(ratios)
+    for side, lines in lacking.items():  # their uncertainties tell units apart that are near
+        scale = (1.0 if side == "A" else -1.0) * unit_of_lacking(lines) or scale
     if a.kind == "recording":
         recorded, other, mark, sign = (a, b, "A", -1.0)
     else:
@@ -310,20 +316,51 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
         factor, taken, unit = scale_in_words(sign * scale).rstrip(",").partition(", as in ")
         what.append(factor)
         why = f"{taken}{unit}{_followers(ratios)}"
+    told = () if scale else tuple(_lacking_in_words(*each) for each in lacking.items())
     if not (said := " and ".join(filter(None, what))):
-        return ()
+        return told
     checked = recorded.name
     if a.kind == b.kind == "recording":
         checked = "both recordings"
     like = f"{mark} {said} would be like {'B' if mark == 'A' else 'A'}{why}"
-    return (f"{like}: check order, sign and unit of {checked}.",)
+    return (f"{like}: check order, sign and unit of {checked}.", *told)
 
 
 def misreads_amplitudes(a: Side, b: Side, rows: Sequence[Row]) -> bool:
-    """Whether one side would be as the other in another unit, or has the other's lines on another axis: then
-    its amplitudes are not those that a limit is about.
+    """Whether one side would be as the other in another unit, has the other's lines on another axis, or is a
+    record with far too little of all of them: then its amplitudes are not those that a limit is about.
     """
-    return bool(_misread_axes(a, b)) or is_of_units(common_scale(_log_ratios(rows)))
+    if _misread_axes(a, b) or is_of_units(common_scale(_log_ratios(rows))):
+        return True
+    return bool(_lacking(a, b, rows))
+
+
+def _lacking(a: Side, b: Side, rows: Sequence[Row]) -> dict[str, tuple[ShownLine, ...]]:
+    """Main lines of the other side of which a recording has far too little, by the recording's mark; nothing
+    where it has enough of one.
+    """
+    pairs = {"A": (a, [(r, r.a, r.b) for r in rows]), "B": (b, [(r, r.b, r.a) for r in rows])}
+    found = {}
+    for mark, (side, lines) in pairs.items():
+        shown = [
+            ShownLine(r.line, there.amplitude, own.amplitude, own.uncertainty, own.seen)
+            for r, own, there in lines
+            if r.usable and _lasts(there) and not own.decay and own.amplitude > 0.0
+        ]
+        if side.kind == "recording" and (lacking := lacking_lines(shown)):
+            found[mark] = lacking
+    return found
+
+
+def _lacking_in_words(mark: str, lines: Sequence[ShownLine]) -> str:
+    """A sentence on main lines of which a recording has far too little."""
+    other = "B" if mark == "A" else "A"
+    names = ", ".join(x.in_words for x in lines[:_MOST_NAMED])
+    more = " ..." if len(lines) > _MOST_NAMED else ""
+    what = f"{mark} shows none of the main lines of {other}"
+    if any(x.seen for x in lines):
+        what = f"{mark} has far less than {other} of every main line that its noise does not hide"
+    return f"{what} ({names}{more}): was the drive running, and are channel, unit of measure and gain right?"
 
 
 def _log_ratios(rows: Sequence[Row]) -> Ratios:
@@ -371,14 +408,17 @@ def _misread_axes(a: Side, b: Side) -> tuple[str, ...]:
     """A sentence where another channel of a recording has the other side's lines, and the named one has not."""
     for mark, mine, other in (("A", a, b), ("B", b, a)):
         lines = [(x.place, x.amplitude) for x in other.lines.values() if x.seen and x.place > 0.0]
-        found, scale = other_axis(lines, mine.channels, mine.sample_rate, mine.channel)
+        found = other_axis(lines, mine.channels, mine.sample_rate, mine.channel)
         if found:
             words = ""
-            if abs(scale) >= MIN_LOG_SCALE:
-                words = f", {scale_in_words(scale).rstrip(',')}"
+            if abs(found.scale) >= MIN_LOG_SCALE:
+                words = f", {scale_in_words(found.scale).rstrip(',')}"
+            own = "has not"
+            if found.named_scale is not None:
+                own = f"has them at {math.exp(found.named_scale):.3g} of their size"
             return (
-                f"{found} of {mark} has the lines of {other.channel or 'the other side'} of"
-                f" {'B' if mark == 'A' else 'A'}{words}, and its {mine.channel} has not: check channels and axes"
+                f"{found.channel} of {mark} has the lines of {other.channel or 'the other side'} of"
+                f" {'B' if mark == 'A' else 'A'}{words}, and its {mine.channel} {own}: check channels and axes"
                 f" of {mine.name}.",
             )
     return ()

@@ -53,6 +53,14 @@ MAX_LOG_FOLLOWED = math.log(2.0)
 """Logarithm by which a line's ratio may be off a scale that it follows: below a resonance that amplifies by
 less, phases are as they were.
 """
+LACKING, LACKING_UNSEEN = 5.0, 2.0
+"""Factor by which a record must fall short of each main line of another side for its scale to be in question;
+and where none of these lines stands above its floor. A drive that was made quieter by 10 dB has 1/3.
+"""
+MAIN_LINES = 0.1
+"""Amplitude over the largest's from which a line is a main one: smaller ones may be other machines'."""
+SIGMAS = 3.0
+"""Standard uncertainties within which an estimate is expected; noise alone exceeds them in 1 of 90 lines."""
 
 
 def reversal_variants(
@@ -105,13 +113,18 @@ def scale_in_words(logarithm: float, close: float = UNIT_TOLERANCE) -> str:
     times = math.exp(logarithm)
     for f, unit in UNITS.items():
         if abs(times / f - 1.0) < close:
-            return f"divided by {f:.6g}, as in {unit} taken for N*m,"
+            return f"{_by(f)}, as in {unit} taken for N*m,"
     for f, unit in UNITS.items():
         if abs(times * f - 1.0) < close:
-            return f"multiplied by {f:.6g}, as in N*m taken for {unit},"
-    if logarithm > 0.0:
-        return f"divided by {times:.3g}"
-    return f"multiplied by {1.0 / times:.3g}"
+            return f"{_by(1.0 / f)}, as in N*m taken for {unit},"
+    return _by(times, ".3g")
+
+
+def _by(times: float, form: str = ".6g") -> str:
+    """A division by a number in words: a multiplication where it is below 1."""
+    if times > 1.0:
+        return f"divided by {times:{form}}"
+    return f"multiplied by {1.0 / times:{form}}"
 
 
 Ratios = Sequence[tuple[float, float]]
@@ -221,6 +234,73 @@ def _unit_within(scale: float, scatter: float) -> float:
     return scale
 
 
+@dataclass(frozen=True)
+class ShownLine:
+    """A line of one side, and what a record has of it."""
+
+    name: str
+    expected: float
+    """Amplitude of the other side, which is above its floor."""
+    amplitude: float
+    """Amplitude in the record; of noise alone where the line is not seen."""
+    uncertainty: float
+    """Its standard uncertainty."""
+    seen: bool
+    """Whether it is above the record's floor."""
+
+    @property
+    def in_words(self) -> str:
+        """Its name and the part that the record has, or may have at most."""
+        if self.seen:
+            return f"{self.name} at {100.0 * self.amplitude / self.expected:.3g} %"
+        most = self.amplitude + SIGMAS * self.uncertainty
+        return f"{self.name} at most at {100.0 * most / self.expected:.2g} %"
+
+    def least(self, quiet: bool) -> float:
+        """Amplitude that the record has of it: of a hidden line what is beyond the noise's, unless the whole
+        record is ``quiet``, with no line above its floor.
+        """
+        if self.seen or quiet:
+            return self.amplitude
+        return self.amplitude - SIGMAS * self.uncertainty
+
+    def has(self, scale: float) -> bool:
+        """Whether the record has the line divided by e to the ``scale``: below its floor, may have."""
+        there = self.expected * math.exp(-scale)
+        within = SIGMAS * self.uncertainty
+        if self.seen:
+            return abs(self.amplitude - there) < within + UNIT_TOLERANCE * there
+        return self.amplitude + within > there
+
+
+def lacking_lines(lines: Sequence[ShownLine]) -> tuple[ShownLine, ...]:
+    """Main lines of which a record has far too little, the largest first, if it has of all that it would show;
+    else nothing.
+
+    One line may be far smaller than expected, all of them together are not of a drive that runs: its unit,
+    gain or channel may be another. Lines that noise would hide say nothing.
+    """
+    largest = max((x.expected for x in lines), default=0.0)
+    main = [x for x in lines if x.expected >= MAIN_LINES * largest]
+    quiet = not any(x.seen for x in main)
+    factor = LACKING_UNSEEN if quiet else LACKING
+    telling = [x for x in main if x.seen or x.expected > factor * SIGMAS * x.uncertainty]
+    if any(x.least(quiet) * factor > x.expected for x in telling):
+        return ()
+    return tuple(sorted(telling, key=lambda x: -x.expected))
+
+
+def unit_of_lacking(lines: Sequence[ShownLine]) -> float:
+    """The logarithm of the one unit's scale by which a record has less of all ``lines``, within their
+    uncertainties; 0 where none is seen, none fits or several do.
+    """
+    every = [math.log(f) * sign for f in UNITS for sign in (1.0, -1.0)]
+    fit = [scale for scale in every if all(x.has(scale) for x in lines)]
+    if len(fit) == 1 and any(x.seen for x in lines):
+        return fit[0]
+    return 0.0
+
+
 def followed_up_to(ratios: Ratios, scale: float) -> float:
     """Frequency [Hz] of the first line that does not follow a scale, inf where all do."""
     off = [f for f, logarithm in ratios if abs(logarithm - scale) > MAX_LOG_FOLLOWED]
@@ -272,10 +352,25 @@ MAX_AXIS_SCATTER, MIN_AXIS_SCATTER, AXIS_GAIN = 0.1, 0.25, 4.0
 """Median deviation of the logarithms of ratios up to which another channel has the same lines; from which the
 named channel has not; and times the other's that it must be.
 """
+MAX_AXIS_SCALE = 0.1
+"""Logarithm of its scale up to which another channel has the lines as they are, where the named one has them
+at another scale.
+"""
 MOST_AXIS_LINES = 8
 """Largest lines of which this is asked."""
 _DRIFT = 2e-3
 """Part of their frequency by which lines of two tests are looked for at each other's."""
+
+
+@dataclass(frozen=True)
+class OtherAxis:
+    """A channel that has a test's lines in place of the named one."""
+
+    channel: str
+    scale: float
+    """Logarithm of its scale."""
+    named_scale: float | None = None
+    """That of the named channel, where it has the lines at one scale, too; None where it has not."""
 
 
 def other_axis(
@@ -283,9 +378,9 @@ def other_axis(
     channels: Mapping[str, np.ndarray],
     sample_rate: float,
     named: str,
-) -> tuple[str, float]:
+) -> OtherAxis | None:
     """Channel of a recording that has a test's ``lines``, pairs of frequency [Hz] and amplitude, where the
-    ``named`` one has not, and the logarithm of its scale; empty where there is none.
+    ``named`` one has not, or only at another scale; None where there is none.
 
     ``channels`` are the recording's, (n,) each at ``sample_rate`` [Hz]. The largest lines count, or else
     those of the lower half, which a table's resonance changes less.
@@ -299,7 +394,7 @@ def other_axis(
         each = {name: _log_ratios(x, sample_rate, largest) for name, x in alive.items()}
         if found := _axis_of(each, named):
             return found
-    return "", 0.0
+    return None
 
 
 def _log_ratios(
@@ -311,18 +406,23 @@ def _log_ratios(
     return np.log(np.maximum(ratios, 1e-300))
 
 
-def _axis_of(each: Mapping[str, np.ndarray], named: str) -> tuple[str, float] | None:
-    """Channel in which lines have one scale, where they have none in the named one; and its logarithm.
+def _axis_of(each: Mapping[str, np.ndarray], named: str) -> OtherAxis | None:
+    """Channel in which lines have one scale, where they have none in the named one, or where they are as
+    they should be, and in the named one far off by one scale, as by cross-talk.
 
     ``each`` has the logarithms of the channels' ratios.
     """
     middle = {name: float(np.median(logs)) for name, logs in each.items()}
     scatter = {name: float(np.median(np.abs(logs - middle[name]))) for name, logs in each.items()}
+    if scatter[named] <= MAX_AXIS_SCATTER and abs(middle[named]) >= MIN_LOG_SCALE:
+        nearest = min(middle, key=lambda name: abs(middle[name]))
+        if abs(middle[nearest]) < MAX_AXIS_SCALE and scatter[nearest] < MAX_AXIS_SCATTER:
+            return OtherAxis(nearest, 0.0, middle[named])
     best = min(scatter, key=lambda name: scatter[name])
     least = max(MIN_AXIS_SCATTER, AXIS_GAIN * scatter[best])
     if best == named or scatter[best] > MAX_AXIS_SCATTER or scatter[named] < least:
         return None
-    return best, _unit_within(middle[best], scatter[best] + UNIT_TOLERANCE)
+    return OtherAxis(best, _unit_within(middle[best], scatter[best] + UNIT_TOLERANCE))
 
 
 def _at_line(x: np.ndarray, spectrum: HannSpectrum, frequency: float) -> float:

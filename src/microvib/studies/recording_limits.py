@@ -32,8 +32,8 @@ def judge_recording(
 
     The limit's curve of that load counts, or where it has none that of the torque about the drive
     axis. Beyond the recording's passband, and where its force table does not show what there is,
-    nothing is judged. Nor does a torque pass that would be like the scenario's in another unit, or
-    has its lines on another axis.
+    nothing is judged. Nor does a torque pass that would be like the scenario's in another unit, has
+    its lines on another axis, or far less of all its main lines.
 
     Parameters
     ----------
@@ -84,8 +84,8 @@ def judge_recording(
 
 def misread_gaps(source: Prepared, channel: str, scenario: Scenario | None) -> tuple[str, ...]:
     """Why a torque about the drive axis is not what a limit is about: its lines are those of the scenario,
-    which is simulated, in another unit, or those of another axis. Empty for another load, without a
-    scenario, and where they cannot be compared.
+    which is simulated, in another unit, those of another axis, or all far smaller. Empty for another load,
+    without a scenario, and where they cannot be compared.
     """
     if scenario is None or (channel in COMPONENTS and channel != f"M{scenario.array.drive_axis}"):
         return ()
@@ -95,7 +95,7 @@ def misread_gaps(source: Prepared, channel: str, scenario: Scenario | None) -> t
         return ()
     if not misreads_amplitudes(*found):
         return ()
-    said = (sentence.removesuffix(".") for sentence in misread(*found))
+    said = (sentence.rstrip(".?") for sentence in misread(*found))
     return tuple(f"the recording (A) beside the scenario (B): {one}" for one in said)
 
 

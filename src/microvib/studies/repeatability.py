@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Annotated
 
 import numpy as np
@@ -42,6 +43,8 @@ OTHER_FACTOR, OTHER_UNIT_FACTOR = 2.0, 10.0
 """Factors between the amplitudes of a run and those of the others of its unit, or of other units where it is
 the only one of its own, from which it is questioned."""
 _MOST_NAMED = 6
+_OF_A_MEDIAN = math.sqrt(0.5 * math.pi)
+"""Standard uncertainty of a median over that of a mean."""
 _ABSENT = Scatter(math.nan, math.nan, math.nan)
 _BOUND = Measure("%", 0.01, ".3g")
 
@@ -97,6 +100,16 @@ class RunDeviation:
     status: Annotated[str, Column("status", "status")]
 
 
+@dataclass(frozen=True)
+class RunsApart:
+    """Two runs of one unit whose amplitudes as a whole differ by ``OTHER_FACTOR`` or more."""
+
+    large: str
+    small: str
+    factor: float
+    """Median of the lines' ratios."""
+
+
 @dataclass(frozen=True, eq=False)
 class Repeatability:
     """Lines of several runs, and how they scatter."""
@@ -123,7 +136,8 @@ class Repeatability:
     @property
     def run_warnings(self) -> tuple[str, ...]:
         """Sentences without a stop on runs that are not of the same drive, motion, gain or channel as the others:
-        lines are absent, or all of them are off by a factor of ``OTHER_FACTOR``.
+        lines are absent, or all of them are off by a factor of ``OTHER_FACTOR``; and on units whose other runs
+        are as far apart, of which it is not known which is right.
         """
         told = []
         for name, lines in self.absent.items():
@@ -132,12 +146,21 @@ class Repeatability:
                 f"{name} has far less of the lines {names} than the others: was the drive running, and are channel,"
                 " unit of measure and gain the same?"
             )
-        for name, part in self.outlying_runs.items():
-            if name not in self.absent and not 1.0 / OTHER_FACTOR < 1.0 + part < OTHER_FACTOR:
-                told.append(
-                    f"{name} has {1.0 + part:.3g} times the amplitudes of the other runs of its unit: are"
-                    " unit of measure and gain the same?"
-                )
+        off = {
+            name: 1.0 + part
+            for name, part in self.outlying_runs.items()
+            if name not in self.absent and not 1.0 / OTHER_FACTOR < 1.0 + part < OTHER_FACTOR
+        }
+        for name, factor in off.items():
+            told.append(
+                f"{name} has {factor:.3g} times the amplitudes of the other runs of its unit: are"
+                " unit of measure and gain the same?"
+            )
+        for apart in _runs_apart([x for x in self.deviations if x.run not in {*self.absent, *off}]):
+            told.append(
+                f"{apart.large} has {apart.factor:.3g} times the amplitudes of {apart.small}, of the same unit: do"
+                " unit of measure, gain and mounting agree, and does the unit repeat?"
+            )
         return tuple(told)
 
 
@@ -437,6 +460,36 @@ def _outlying_runs(deviations: Sequence[RunDeviation]) -> dict[str, float]:
         if own and 2 * sum(x.outlier for x in own) >= len(own):
             found[name] = float(np.median([_over_unit(x, deviations) for x in own]))
     return found
+
+
+def _runs_apart(deviations: Sequence[RunDeviation]) -> Iterator[RunsApart]:
+    """Of each unit the two runs that are farthest apart, if their amplitudes as a whole differ by
+    ``OTHER_FACTOR`` or may do so within two standard uncertainties.
+    """
+    for unit in dict.fromkeys(x.unit for x in deviations):
+        runs: dict[str, dict[tuple[str, str], RunDeviation]] = {}
+        for x in deviations:
+            if x.unit == unit:
+                runs.setdefault(x.run, {})[x.channel, x.line] = x
+        pairs = [(a, b, *_log_apart(runs[a], runs[b])) for a, b in permutations(runs, 2)]
+        far = [x for x in pairs if x[2] > 0.0 and x[2] + 2.0 * x[3] >= math.log(OTHER_FACTOR)]
+        if far:
+            large, small, apart, _ = max(far, key=lambda x: x[2])
+            yield RunsApart(large, small, math.exp(apart))
+
+
+def _log_apart(
+    a: Mapping[tuple[str, str], RunDeviation], b: Mapping[tuple[str, str], RunDeviation]
+) -> tuple[float, float]:
+    """Median of the logarithms of the ratios, a over b, of the lines that two runs show, and its standard
+    uncertainty; 0 where they show none in common.
+    """
+    both = [(a[key], b[key]) for key in a if key in b]
+    if not both:
+        return 0.0, 0.0
+    logs = [math.log(x.amplitude / y.amplitude) for x, y in both]
+    spread = [math.hypot(x.uncertainty / x.amplitude, y.uncertainty / y.amplitude) for x, y in both]
+    return float(np.median(logs)), float(np.median(spread)) * _OF_A_MEDIAN / math.sqrt(len(both))
 
 
 def _over_unit(one: RunDeviation, deviations: Sequence[RunDeviation]) -> float:

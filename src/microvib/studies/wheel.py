@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from microvib.results import FREQUENCY, ORDER, Column, Measure
-from microvib.signals.ridges import PowerMap, Ridge, find_ridges, whirl_paths
+from microvib.signals.ridges import PowerMap, Ridge, RidgeSearch, find_ridges, whirl_paths
 from microvib.studies.wheel_fit import (
     Coefficient,
     FoundMode,
@@ -24,6 +24,7 @@ from microvib.studies.wheel_fit import (
     over_axes,
     read_order,
 )
+from microvib.studies.wheel_gaps import Fit, failed_speeds, require_power, usable_bins
 
 COEFFICIENT = Measure(form=".4g")
 SPEED = Measure("rpm", 2.0 * np.pi / 60.0, ".5g", file_size=2.0 * np.pi / 60.0)
@@ -35,6 +36,8 @@ _MOST_LEFT = 10
 """Peaks of no ridge that are named, the largest ones."""
 _CHANCE = 1e-3
 """Chance that noise has any peak that is named."""
+_MOST_SPEEDS = 4
+"""Speeds that are named one by one."""
 
 
 @dataclass(frozen=True)
@@ -102,12 +105,21 @@ class MeasuredWheel:
     unexplained: tuple[UnexplainedRow, ...]
     left_out: int
     """Peaks of no ridge that are not in these."""
+    failed: Mapping[str, np.ndarray]
+    """Speeds (n,) of each load that are left out, as they do not show the wheel."""
+    spectra_up_to: float
+    """Frequency up to which there are spectra [Hz]: above ``highest`` a filter weakens them."""
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Speeds at which all loads show the wheel [rad/s]."""
+        one = next(iter(self.maps.values()))
+        return np.asarray(one.speed[~np.any(list(self.failed.values()), axis=0)])
 
     @property
     def speeds(self) -> tuple[float, float]:
         """Ends of the measured speeds [rad/s]."""
-        one = next(iter(self.maps.values()))
-        return float(one.speed[0]), float(one.speed[-1])
+        return float(self.measured[0]), float(self.measured[-1])
 
     @property
     def highest(self) -> float:
@@ -153,37 +165,77 @@ def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWhee
     -------
     MeasuredWheel
         Harmonics with their coefficients (load over speed squared) and 95 % intervals, modes, and
-        the peaks that neither explains.
+        the peaks that neither explains. Speeds at which no order of a load is seen, and frequencies
+        above which all orders or the floor fall off, are left out.
+
+    Raises
+    ------
+    MicrovibError
+        Where a load is zero everywhere, or too few speeds show the orders.
     """
+    require_power(maps)
     search = find_ridges(list(maps.values()))
-    orders = [x for x in search.ridges if x.kind == "order"]
-    orders = sorted(orders, key=lambda x: x.values[0])
-    whirls = [x for x in search.ridges if x.kind == "whirl"]
+    fits, modes = _fits(maps, search, _all_kept(maps))
+    whole = next(iter(maps.values()))
+    count = usable_bins(maps, fits)
+    if count < whole.frequency.size:
+        maps = {load: one.up_to_bin(count) for load, one in maps.items()}
+        search = find_ridges(list(maps.values()))
+        fits, modes = _fits(maps, search, _all_kept(maps))
+    failed = failed_speeds(maps, fits)
+    if any(x.any() for x in failed.values()):
+        fits, modes = _fits(maps, search, {load: ~x for load, x in failed.items()})
+    orders = sorted(_of_kind(search, "order"), key=lambda x: x.values[0])
+    harmonics = [
+        Harmonic(
+            _rounded(x), x.uncertainty,
+            {one.load: one.coefficient for one in fits if one.reading.order == x.values[0]},
+        )
+        for x in orders
+    ]  # fmt: skip
+    found, more = _peaks_left(maps, search.left, modes)
+    rows = (*_constant(maps, search.ridges), *found)
+    return MeasuredWheel(
+        name, maps, search.ridges, tuple(harmonics), tuple(modes), rows, more, failed,
+        float(whole.frequency[-1]),
+    )  # fmt: skip
+
+
+def _of_kind(search: RidgeSearch, kind: str) -> list[Ridge]:
+    return [x for x in search.ridges if x.kind == kind]
+
+
+def _all_kept(maps: Mapping[str, PowerMap]) -> dict[str, np.ndarray]:
+    return {load: np.ones(one.speed.size, dtype=bool) for load, one in maps.items()}
+
+
+def _fits(
+    maps: Mapping[str, PowerMap], search: RidgeSearch, kept: Mapping[str, np.ndarray]
+) -> tuple[list[Fit], list[FoundMode]]:
+    """Coefficients of all orders in all loads, by the speeds of each load that are ``kept``, and modes."""
+    orders, whirls = _of_kind(search, "order"), _of_kind(search, "whirl")
     modes: list[FoundMode] = []
-    by_order: dict[float, dict[str, Coefficient]] = {x.values[0]: {} for x in orders}
+    fits: list[Fit] = []
     for load, one in maps.items():
-        readings = [read_order(one, x.values[0], search.ridges) for x in orders]
+        readings = [read_order(one, x.values[0], search.ridges, kept[load]) for x in orders]
         own = find_modes(load, readings, whirls)
         modes += own
-        of_axes = one.of_axes
         for reading in readings:
             factor = amplification_of(own, reading)
-            alone = (read_order(axis, reading.order, search.ridges) for axis in of_axes)
+            alone = (
+                read_order(axis, reading.order, search.ridges, kept[load]) for axis in one.of_axes
+            )
             c = over_axes(
                 fit_coefficient(reading, factor), [fit_coefficient(x, factor) for x in alone]
             )
             if not np.isfinite(c.most):
-                factor = factor_of(own, reading.order, one.speed)
-                c = replace(c, most=bound_coefficient(one, reading.order, factor), bounded=True)
-            by_order[reading.order][load] = c
+                factor_at_all = factor_of(own, reading.order, one.speed)
+                bound = bound_coefficient(one, reading.order, factor_at_all, kept[load])
+                c = replace(c, most=bound, bounded=True)
+            fits.append(Fit(load, reading, factor, c))
     if "radial_torque" not in maps:
         modes += find_modes("radial_torque", _NONE, whirls)
-    harmonics = [Harmonic(_rounded(x), x.uncertainty, by_order[x.values[0]]) for x in orders]
-    found, more = _peaks_left(maps, search.left, modes)
-    rows = (*_constant(maps, search.ridges), *found)
-    return MeasuredWheel(
-        name, maps, search.ridges, tuple(harmonics), tuple(modes), rows, more
-    )  # fmt: skip
+    return fits, modes
 
 
 def _rounded(ridge: Ridge) -> float:
@@ -202,10 +254,26 @@ def _unit(load: str, per: str = "") -> str:
     return f"{'N m' if load.endswith('torque') else 'N'} {per}".rstrip()
 
 
+def speeds_in_words(speeds: Sequence[float]) -> str:
+    """Some speeds [rad/s] as text, in rpm: all of them, or of many how many and between which."""
+    rpm = [f"{x / SPEED.size:.5g}" for x in speeds]
+    if len(rpm) > _MOST_SPEEDS:
+        return f"{len(rpm)} speeds from {rpm[0]} to {rpm[-1]} rpm"
+    return f"{', '.join(rpm[:-1])} and {rpm[-1]} rpm" if len(rpm) > 1 else f"{rpm[0]} rpm"
+
+
 def _remark(one: Coefficient) -> str:
     if one.bounded:
         return "masked by other ridges at every speed: an upper bound"
-    said = ["not seen"] if one.value == 0.0 else []
+    said = ["not seen"] if one.value == 0.0 and not one.large else []
+    if one.value == 0.0 and one.large:
+        said.append(f"seen at {speeds_in_words(one.large)} alone, which most holds")
+    if one.value > 0.0 and one.large:
+        said.append(f"larger at {speeds_in_words(one.large)}, which most holds")
+    if one.weak:
+        said.append(
+            f"less than half of it, or absent, at {speeds_in_words(one.weak)}: least holds that"
+        )
     if one.near_modes:
         said.append("near a mode at all speeds")
     if one.axes_differ:

@@ -26,6 +26,16 @@ _DETECTED = 0.998
 _LEAST_SPEEDS = 4
 _KNOWN = 3.0
 """Times of its noise from which a reading tells of modes."""
+_CHANCE = 1e-3
+"""Chance that noise is taken for an order at any speed."""
+WEAK = 0.25
+"""Part of its power below which an order is told to be weak at a speed: half of its amplitude."""
+_LARGE = 1.21
+"""Part of the largest power of an interval from which a speed is told to be above it: 1.1 of the amplitude."""
+_QUIETEST = 0.1
+"""Share of the speeds that tell no more of an order than the others, however low their floor is."""
+_LEAST_SHARE = 0.25
+"""Share of the speeds that must show an order for its coefficient to be that of these speeds."""
 _MOTION = {"radial_force": "radial", "radial_torque": "rocking", "axial_force": "axial"}
 _MOST_MODES = 3
 _RAISED = 0.35
@@ -48,8 +58,36 @@ class Reading:
     """[rad/s], (n,)."""
     power: np.ndarray
     """Half of the squared amplitude less the floor, (n,)."""
-    noise: np.ndarray
-    """Standard deviation of that by the floor, (n,)."""
+    still: np.ndarray
+    """Standard deviation of that by the floor where there is no order, (n,)."""
+    gain: np.ndarray
+    """Variance that the floor adds to it, over the power of the order, (n,)."""
+    limit: np.ndarray
+    """Power that the floor alone exceeds at any of the speeds with a chance of 0.1 %, (n,)."""
+    seen: np.ndarray
+    """Power above the floor and above the bins beside it, (n,): that of a peak, not of a slope."""
+
+    @property
+    def noise(self) -> np.ndarray:
+        """Standard deviation of the power by the floor, (n,)."""
+        return self.noise_at(self.power)
+
+    def noise_at(self, power: np.ndarray) -> np.ndarray:
+        """Standard deviation by the floor of a power (n,)."""
+        return np.asarray(np.sqrt(self.still**2 + self.gain * np.maximum(power, 0.0)))
+
+    @property
+    def at_least(self) -> np.ndarray:
+        """Power that an order has for sure, (n,); 0 where none is seen."""
+        own = _KNOWN * np.sqrt(self.gain * np.maximum(self.power, 0.0))
+        return np.asarray(np.where(self.seen > self.limit, np.maximum(self.seen - own, 0.0), 0.0))
+
+    def where(self, chosen: np.ndarray) -> Reading:
+        """Only the chosen speeds."""
+        return Reading(
+            self.order, self.speed[chosen], self.power[chosen], self.still[chosen],
+            self.gain[chosen], self.limit[chosen], self.seen[chosen],
+        )  # fmt: skip
 
     @property
     def frequency(self) -> np.ndarray:
@@ -110,10 +148,18 @@ class Coefficient:
     axes_differ: bool = False
     """Whether both axes across the spin axis have coefficients whose intervals are apart: then the load
     does not go round in a circle."""
+    weak: tuple[float, ...] = ()
+    """Speeds [rad/s] at which it has less than half of its amplitude; ``least`` holds them."""
+    large: tuple[float, ...] = ()
+    """Speeds [rad/s] at which it is seen and larger than elsewhere; ``most`` holds them."""
 
 
-def read_order(one: PowerMap, order: float, ridges: Sequence[Ridge]) -> Reading:
-    """An order in a map, where no other ridge comes nearer than the bins of both."""
+def read_order(
+    one: PowerMap, order: float, ridges: Sequence[Ridge], kept: np.ndarray | None = None
+) -> Reading:
+    """An order in a map, where no other ridge comes nearer than the bins of both, at the speeds of the map
+    that are ``kept`` (n,).
+    """
     f = order * one.speed / (2.0 * np.pi)
     reach = one.lobe + np.ceil(0.5 * order * one.smear / (2.0 * np.pi * one.spacing)).astype(int)
     clear = one.bins(f) - reach >= 1
@@ -123,15 +169,44 @@ def read_order(one: PowerMap, order: float, ridges: Sequence[Ridge]) -> Reading:
             if ridge.kind == "order" and ridge.values[0] == order:
                 continue
             clear &= np.abs(path - f) > (reach + one.lobe + 1) * one.spacing
-    power, noise = [], []
-    for i in np.flatnonzero(clear):
-        near = slice(one.bins(f)[i] - reach[i], one.bins(f)[i] + reach[i] + 1)
-        floor = one.floor[i, near]
-        total = float(one.power[i, near].sum() - floor.sum())
-        power.append(total)
-        own = 1.5 * float(np.sum(floor**2)) + 2.0 * max(total, 0.0) * float(floor.mean())
-        noise.append(np.sqrt(own / one.averages))
-    return Reading(order, one.speed[clear], np.array(power), np.array(noise))
+    if kept is not None:
+        clear &= kept
+    cells = [
+        _read_cell(one, i, int(one.bins(f)[i]), int(reach[i]))
+        for i in np.flatnonzero(clear).tolist()
+    ]
+    power, still, gain, mean, seen = np.array(cells).reshape(-1, 5).T
+    return Reading(
+        order, one.speed[clear], power, still, gain, _largest_of_noise(mean, still), seen
+    )
+
+
+def _read_cell(
+    one: PowerMap, row: int, bin_: int, reach: int
+) -> tuple[float, float, float, float, float]:
+    """Power of an order at a speed above the floor, its standard deviation by the floor alone, the variance
+    that the floor adds over that power, the power of the floor, and the order's above the bins beside it.
+    """
+    near = slice(bin_ - reach, bin_ + reach + 1)
+    floor, K = one.floor[row, near], one.averages
+    total = float(one.power[row, near].sum())
+    beside = [
+        one.power[row, max(bin_ - reach - one.lobe - 1, 0) : bin_ - reach],
+        one.power[row, bin_ + reach + 1 : bin_ + reach + one.lobe + 2],
+    ]
+    slope = max(float(x.mean()) for x in beside if x.size)
+    mean = float(floor.sum())
+    still = math.sqrt(1.5 * float(np.sum(floor**2)) / K)
+    seen = total - max(mean, slope * floor.size)
+    return total - mean, still, 2.0 * float(floor.mean()) / K, mean, seen
+
+
+def _largest_of_noise(mean: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+    """Power above its mean that the floor exceeds at any of the speeds with a chance of ``_CHANCE``, (n,)."""
+    from scipy.stats import gamma
+
+    shape = (mean / deviation) ** 2
+    return np.asarray(mean * (gamma.isf(_CHANCE / max(mean.size, 1), shape) / shape - 1.0))
 
 
 def ridge_paths(ridge: Ridge, speed: np.ndarray) -> list[np.ndarray]:
@@ -177,20 +252,82 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
     """The coefficient of a reading, whose modes amplify by ``factor`` (n,), with its interval by the
     scatter over speeds.
 
-    Weighted least squares of powers over the fourth power of the speed, with Huber's weights; the
-    interval is that of the residuals (sandwich estimate), by Student's t of the effective number of
-    speeds, and of the scatter over speeds beyond noise: it is to hold the coefficient at any of them.
+    Weighted least squares of powers over the fourth power of the speed, with Huber's weights, of the
+    speeds at which the order is not weak; the interval is that of the residuals (sandwich estimate), by
+    Student's t of the effective number of speeds, and of the scatter over speeds beyond noise: it is to
+    hold the coefficient at any of them. What is seen at a speed is never above it, and what a speed lacks
+    never below it.
     """
-    from scipy.stats import t as student
-
     quiet = (factor < NEAR_MODE) & (factor > 1.0 / NEAR_MODE)
     near_modes = int(quiet.sum()) < _LEAST_SPEEDS
     used = np.ones(factor.size, dtype=bool) if near_modes else quiet
     if int(used.sum()) < _LEAST_SPEEDS:
         return Coefficient(0.0, 0.0, np.inf, int(used.sum()), near_modes)
-    x = 0.5 * (reading.speed[used] ** 2 * factor[used]) ** 2
-    y, noise = reading.power[used], reading.noise[used]
-    q, w, scatter = _robust_ratio(x, y, noise)
+    one = reading.where(used)
+    x = 0.5 * (one.speed**2 * factor[used]) ** 2
+    one = _levelled(one, x)
+    shown = _ratio_shown(one, x)
+    first = _ratio_of_all(one, x) if shown is None else shown
+    weak = is_weak(one, (shown or 0.0) * x)
+    q, reach, seen = _ratio_and_reach(one.where(~weak), x[~weak], first)
+    lowest, highest = _ratios_held(one, x, weak)
+    most = math.sqrt(max(q + reach, highest))
+    if not seen:
+        large = tuple(one.speed[one.at_least > 0.0].tolist())
+        return Coefficient(0.0, 0.0, most, int(used.sum()), near_modes, large=large)
+    return Coefficient(
+        math.sqrt(q), math.sqrt(max(min(q - reach, lowest), 0.0)), most, int(np.sum(~weak)), near_modes,
+        weak=tuple(one.speed[weak].tolist()),
+        large=tuple(one.speed[one.at_least / x > _LARGE * (q + reach)].tolist()),
+    )  # fmt: skip
+
+
+def _levelled(reading: Reading, x: np.ndarray) -> Reading:
+    """A reading whose quietest speeds tell no more of its ratio to ``x`` (n,) than others: that a run is
+    silent must not bound an order.
+    """
+    usual = float(np.quantile(reading.still / x, _QUIETEST))
+    return replace(reading, still=np.maximum(reading.still, usual * x))
+
+
+def is_weak(reading: Reading, expected: np.ndarray) -> np.ndarray:
+    """Speeds at which an order has less than half of the amplitude of an ``expected`` power (n,), (n,)."""
+    return np.asarray(np.maximum(reading.power, 0.0) + reading.limit < WEAK * expected)
+
+
+def _ratio_shown(reading: Reading, x: np.ndarray) -> float | None:
+    """Ratio of powers to ``x`` (n,) at the speeds that show the order; None where these are too few of
+    those that would show it.
+    """
+    clear = reading.at_least > 0.0
+    if int(clear.sum()) < _LEAST_SPEEDS:
+        return None
+    ratio = float(np.median(reading.power[clear] / x[clear]))
+    would = clear | (ratio * x > 2.0 * reading.limit)
+    return ratio if clear.sum() >= _LEAST_SHARE * would.sum() else None
+
+
+def _ratio_of_all(reading: Reading, x: np.ndarray) -> float:
+    """Ratio of powers to ``x`` (n,), not below 0, by least squares with the floor's weights."""
+    w = x / reading.still**2
+    return max(float(np.sum(w * reading.power) / np.sum(w * x)), 0.0)
+
+
+def _ratios_held(reading: Reading, x: np.ndarray, weak: np.ndarray) -> tuple[float, float]:
+    """Smallest and largest ratio to ``x`` (n,) that an interval must hold: what an order is for sure below
+    or above at any speed.
+    """
+    above = reading.power + reading.limit + _KNOWN * reading.noise
+    below = np.where(weak, reading.at_least, np.maximum(above, 0.0))
+    return float(np.min(below / x)), float(np.max(reading.at_least / x))
+
+
+def _ratio_and_reach(reading: Reading, x: np.ndarray, first: float) -> tuple[float, float, bool]:
+    """Ratio of the powers of a reading to ``x`` (n,), half of its interval, and whether it is above zero."""
+    from scipy.stats import t as student
+
+    q, w, scatter = _robust_ratio(reading, x, first)
+    y, noise = reading.power, reading.noise_at(q * x)
     weight = w * x**2
     count = float(weight.sum() ** 2 / np.sum(weight**2))
     leverage = np.minimum(weight / weight.sum(), 0.9)
@@ -200,11 +337,7 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
     freedom = max(count - 1.0, 1.0)
     reach = float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * error
     reach = math.hypot(reach, _TWO_SIDED * scatter * q)
-    value, most = np.sqrt(max(q, 0.0)), np.sqrt(max(q, 0.0) + reach)
-    if q <= float(student.ppf(_DETECTED, freedom)) * error:
-        return Coefficient(0.0, 0.0, float(most), int(used.sum()), near_modes)
-    least = float(np.sqrt(max(q - reach, 0.0)))
-    return Coefficient(float(value), least, float(most), int(used.sum()), near_modes)
+    return q, reach, q > float(student.ppf(_DETECTED, freedom)) * error
 
 
 def over_axes(mean: Coefficient, axes: Sequence[Coefficient]) -> Coefficient:
@@ -214,33 +347,36 @@ def over_axes(mean: Coefficient, axes: Sequence[Coefficient]) -> Coefficient:
     least = min(mean.least, *(one.least for one in axes))
     most = max(mean.most, *(one.most for one in axes))
     apart = max(one.least for one in axes) > min(one.most for one in axes)
-    return replace(mean, least=least, most=most, axes_differ=apart)
+    told = [mean, *axes]
+    return replace(
+        mean, least=least, most=most, axes_differ=apart,
+        weak=max((one.weak for one in told), key=len), large=max((one.large for one in told), key=len),
+    )  # fmt: skip
 
 
-def bound_coefficient(one: PowerMap, order: float, factor: np.ndarray) -> float:
+def bound_coefficient(
+    one: PowerMap, order: float, factor: np.ndarray, kept: np.ndarray | None = None
+) -> float:
     """Upper bound on the coefficient of an order that other ridges mask at every speed, with modes that
-    amplify by ``factor`` (n,) at the map's speeds: all that is in its bins is taken for it.
+    amplify by ``factor`` (n,) at the map's speeds: all that is in its bins is taken for it, at the median
+    of the speeds that are ``kept``.
     """
-    reading = read_order(one, order, ())
-    kept = np.isin(one.speed, reading.speed)
+    reading = read_order(one, order, (), kept)
     if not reading.speed.size:
         return float("inf")
     power = np.maximum(reading.power, 0.0) + _KNOWN * reading.noise
-    each = np.sort(np.sqrt(2.0 * power) / (reading.speed**2 * factor[kept]))
-    return float(each[min(2, each.size - 1)])  # of those at all speeds, one that noise did not make
+    used = np.isin(one.speed, reading.speed)
+    return float(np.median(np.sqrt(2.0 * power) / (reading.speed**2 * factor[used])))
 
 
-def _robust_ratio(
-    x: np.ndarray, y: np.ndarray, noise: np.ndarray
-) -> tuple[float, np.ndarray, float]:
-    """Ratio of ``y`` to ``x`` (n,), and the weights of it: noise, scatter of the ratio and Huber's
-    weights of what lies far off; and that scatter without noise, over the ratio.
+def _robust_ratio(reading: Reading, x: np.ndarray, first: float) -> tuple[float, np.ndarray, float]:
+    """Ratio of powers to ``x`` (n,) from a ``first`` one on, and the weights of it: noise, scatter of the
+    ratio and Huber's weights of what lies far off; and that scatter without noise, over the ratio.
     """
-    q = max(float(np.sum(x * y / noise**2) / np.sum((x / noise) ** 2)), 0.0)
-    w = 1.0 / noise**2
-    scatter, own_scatter = 0.02, 0.0
+    q, y, scatter, own_scatter = first, reading.power, 0.02, 0.0
+    w = 1.0 / reading.still**2
     for _ in range(_ITERATIONS):
-        variance = noise**2 + (scatter * q * x) ** 2
+        noise = reading.noise_at(q * x)
         strong = q * x > _KNOWN * noise
         if int(strong.sum()) >= _LEAST_SPEEDS:
             off = (y[strong] - q * x[strong]) / (q * x[strong])
@@ -248,10 +384,11 @@ def _robust_ratio(
             scatter = max(own, 0.005)
             by_noise = float(np.median(noise[strong] / (q * x[strong])))
             own_scatter = math.sqrt(max(own**2 - by_noise**2, 0.0))
+        variance = noise**2 + (scatter * q * x) ** 2
         away = np.abs(y - q * x) / np.sqrt(variance)
         w = np.minimum(1.0, 2.5 / np.maximum(away, 1e-12)) / variance
         q = max(float(np.sum(w * x * y) / np.sum(w * x**2)), 0.0)
-    return float(np.sum(w * x * y) / np.sum(w * x**2)), w, own_scatter
+    return q, w, own_scatter
 
 
 # ---- Modes ----

@@ -15,7 +15,7 @@ from microvib.analysis.accuracy import read_error_estimate
 from microvib.analysis.limits import Judgement, transient_warnings
 from microvib.analysis.run import RunResult
 from microvib.analysis.spread import spread_sentence
-from microvib.analysis.start import steady_state_fallback_note
+from microvib.analysis.start import start_sentence, steady_state_fallback_note
 from microvib.model.scenario import Scenario
 from microvib.reports import figures
 from microvib.reports.craft import craft_words, pointing_sentence
@@ -116,7 +116,8 @@ def _notes(result: RunResult, judged: Judgement | None) -> Iterator[str]:
             " add --steady."
         )
     if judged is not None:
-        yield f"{judged} {_margin_note(result.table, judged)}"
+        start = start_sentence(result.scenario)
+        yield " ".join(filter(None, (str(judged), start, _margin_note(result.table, judged))))
 
 
 def _unusual(scenario: Scenario) -> Iterator[str]:

@@ -352,7 +352,7 @@ def _of_lines(
     left_out = list(dict.fromkeys(filter(None, (row.get(LEFT_OUT, "").strip() for row in rows))))
     gaps += tuple(open_gap(f"{path.name} leaves out: {said}") for said in left_out)
     if chosen == LOS_COLUMNS:
-        least, most = _stated_bounds(path, rows)
+        least, most = _stated_bounds(path, rows, sizes)
         # A line that is nothing as given, and may be something, counts as next to nothing.
         tones = np.where((sizes == 0.0) & (most > 0.0), NEXT_TO_NOTHING * most, tones)
         relative_error = _stated_errors(np.abs(tones), least, most)
@@ -372,11 +372,25 @@ def _of_lines(
     )  # fmt: skip
 
 
-def _stated_bounds(path: Path, rows: list[dict[str, str]]) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest amplitudes of the lines of a table, (k, 2) each; nan where it does not say."""
+_SAME_DIGITS = 1e-3
+"""Part by which an amplitude and its bounds may be the wrong way round, since tables are rounded."""
+
+
+def _stated_bounds(
+    path: Path, rows: list[dict[str, str]], sizes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest amplitudes of the lines of a table, (k, 2) each, about their ``sizes``; nan where
+    it does not say. MicrovibError where an amplitude is not between them.
+    """
     ends = _columns(path, rows, _BOUNDS)
     ends[:, [name not in rows[0] for name in _BOUNDS]] = np.nan
     least, most = np.split(ends, 2, axis=1)
+    outside = (least > sizes * (1.0 + _SAME_DIGITS)) | (most < sizes * (1.0 - _SAME_DIGITS))
+    for k, axis in np.argwhere(outside).tolist():
+        raise MicrovibError(
+            f"{path}, row {k + 2}: los_{AXES[axis]}_rad {sizes[k, axis]:g} is not between"
+            f" {least[k, axis]:g} and {most[k, axis]:g}, the least and the most of its row"
+        )
     return least, most
 
 

@@ -152,9 +152,10 @@ class Objective:
 
     def _pointing_with_untold(self, found: DriveLines) -> float:
         assert found.los is not None
-        untold = [x for x in found.untold if x.is_made and not x.is_faint and x.los is not None]
+        untold = [x for x in found.untold if x.is_made and not x.is_faint]
+        bounds = [x.los for x in untold if x.los is not None]
         frequency = np.append(found.los_frequency, [x.frequency for x in untold])
-        return self._part_of_limits(frequency, np.vstack([found.los, *(x.los for x in untold)]))
+        return self._part_of_limits(frequency, np.vstack([found.los, *bounds]))
 
     def _of_untold(self, line: UntoldLine, found: DriveLines) -> float:
         """The most that a line which is not told gives the figure by itself; 0 where it does not count."""
