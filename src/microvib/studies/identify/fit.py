@@ -17,6 +17,7 @@ from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of, require_lines
 from microvib.studies.identify import verdict, whole
+from microvib.studies.identify.equivalent import equivalents
 from microvib.studies.identify.goodness import (
     Deviation,
     Goodness,
@@ -545,7 +546,11 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
     )
     yield found
     if found.intervals is not None:
-        found = replace(found, lacking=unmodelled_effects(found.problem, found.best, found.local))
+        found = replace(
+            found,
+            lacking=unmodelled_effects(found.problem, found.best, found.local),
+            alike=equivalents(found.problem, found.best, found.local),
+        )
         yield replace(
             found, dependences=verdict.dependences(found.problem, found.best, found.local)
         )

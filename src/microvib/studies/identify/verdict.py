@@ -11,6 +11,7 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
+from microvib.studies.identify.equivalent import Equivalent, together
 from microvib.studies.identify.goodness import REJECTION_PROBABILITY, Goodness, goodness
 from microvib.studies.identify.hints import noise_may_release_stiction, period_mismatch_warnings
 from microvib.studies.identify.images import (
@@ -125,6 +126,8 @@ class Findings:
     """Whole numbers, where each was tried."""
     lacking: tuple[UnmodelledEffect, ...] = ()
     """Effects that the model lacks and the evidence does not rule out."""
+    alike: tuple[Equivalent, ...] = ()
+    """Parameters that are not fitted and act exactly like a fitted one."""
     misread: tuple[str, ...] = ()
     """Mistakes of recordings that would explain why no model explains them."""
 
@@ -313,7 +316,9 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
         spread = float(findings.local.spread[k])
     if moved := shift_reason(findings.lacking, findings.problem, findings.best, k, spread):
         return False, moved
-    return True, "identifiable" if fit.freedom > 0 else "identifiable, if the model holds"
+    alike = [one for one in findings.alike if one.fitted == k]
+    held = "" if fit.freedom > 0 else ", if the model holds"
+    return True, f"identifiable{together(alike, key, value)}{held}"
 
 
 def correlations(local: LinearModel) -> np.ndarray:

@@ -117,7 +117,7 @@ class DriveLines:
     residual: float
     """RMS of the torque less all lines and what rings [N m]."""
     left: Unexplained = _NOTHING_LEFT
-    """The same by frequency."""
+    """Spectrum of that."""
     untold: tuple[UntoldLine, ...] = ()
     """Lines that were looked for and have no amplitude of their own."""
     los_names: tuple[str, ...] = ()

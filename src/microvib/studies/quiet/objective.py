@@ -55,6 +55,11 @@ class Objective:
     bounds, which are a hundredth of the work and no lower."""
 
     @property
+    def is_rms(self) -> bool:
+        """Whether all lines count together."""
+        return not (self.line or self.band or self.curve or self.requirements)
+
+    @property
     def sees_pointing(self) -> bool:
         """Whether it is of the line of sight."""
         return bool(self.requirements)
@@ -138,17 +143,19 @@ class Objective:
         """The figure, or at least as much as the largest of lines that are not told, if each of them has
         all that it may have.
         """
-        untold = [x for x in found.untold if x.name == self.line or (x.is_made and not x.is_faint)]
         if self.requirements:
-            assert found.los is not None
-            bounds = [x.los for x in untold if x.los is not None]
-            frequency = np.append(found.los_frequency, [x.frequency for x in untold])
-            return self._part_of_limits(frequency, np.vstack([found.los, *bounds]))
-        if not (self.curve or self.band or self.line):
-            slow = (x.most for x in untold if x.frequency < found.left.resolution)
-            return math.hypot(found.rms, *(math.sqrt(0.5) * x for x in slow))
-        each = (self._of_untold(x, found) for x in untold)
+            return self._pointing_with_untold(found)
+        each = [self._of_untold(x, found) for x in found.untold]
+        if self.is_rms:
+            return math.hypot(found.rms, *(math.sqrt(0.5) * x for x in each))
         return max(self._of_slow(found), *each, 0.0)
+
+    def _pointing_with_untold(self, found: DriveLines) -> float:
+        assert found.los is not None
+        untold = [x for x in found.untold if x.is_made and not x.is_faint]
+        bounds = [x.los for x in untold if x.los is not None]
+        frequency = np.append(found.los_frequency, [x.frequency for x in untold])
+        return self._part_of_limits(frequency, np.vstack([found.los, *bounds]))
 
     def _of_untold(self, line: UntoldLine, found: DriveLines) -> float:
         """The most that a line which is not told gives the figure by itself; 0 where it does not count."""
