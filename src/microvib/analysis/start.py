@@ -231,14 +231,37 @@ def _short_record_gap(scenario: Scenario, duration: float) -> RecordGap | None:
         if any(one.key == COMPENSATION for one in slow):
             overstated = math.inf  # over whole cycles a driving line is spread over many
         return RecordGap(why, turns=True, overstated=overstated)
-    wanted = _FULL_STEPS_SEEN * full_step_time(scenario)
+    needed = [
+        (_FULL_STEPS_SEEN * full_step_time(scenario), _FEW_FULL_STEPS),
+        (_time_of_bursts(scenario), _BURSTS),
+    ]
+    wanted, why = max(needed)
     if duration >= wanted:
         return None
-    return RecordGap(
-        "lines of a motion that slips once in a full step, of which the record holds fewer than"
-        f" two (record.duration >= {rounded_up(wanted)} s)",
-        turns=True,
-    )
+    remedy = f"record.duration >= {rounded_up(wanted)} s"
+    if why == _BURSTS:
+        remedy += steady_start_advice(scenario)
+    return RecordGap(f"{why} ({remedy})", turns=True)
+
+
+_FEW_FULL_STEPS = (
+    "lines of a motion that slips once in a full step, of which the record holds fewer than two"
+)
+_BURSTS = (
+    "stick-slip that may come in bursts, longer than the record, as friction falls with the rate by more"
+    " than the damping"
+)
+
+
+def _time_of_bursts(scenario: Scenario) -> float:
+    """Time [s] from which on a record shows the bursts of a drive that cannot slide evenly: those of its
+    modes build up and die away with their damping. 0 where it slides.
+    """
+    growth = sliding_growth(scenario)
+    if growth <= 0.0:
+        return 0.0
+    decays = (decay_in_motion(mode, scenario) for mode in _ringing_modes(scenario))
+    return SETTLED_EFOLDINGS / min([growth, *(decay for decay in decays if decay > 0.0)])
 
 
 def unseen_rates_gap(scenario: Scenario) -> RecordGap | None:
