@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import microvib as mv
+from microvib.model.expected import is_made
 from microvib.studies.budget.files import Requirement, Requirements
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -48,3 +50,15 @@ def test_a_rate_that_the_record_does_not_see_is_not_judged(
     (one,) = found.judged
     assert one.verdict == "not judged"
     assert any(told in why for why in one.why)
+
+
+def test_lines_that_nothing_in_the_drive_makes_are_0_at_least() -> None:
+    """In a short record what rings is read as lines of the clock, too."""
+    short = {"record.settle": "2 s", "record.duration": "2 s", "record.sample_rate": "1024 Hz"}
+    scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml").with_(short)
+    one = mv.pointing_budget(scenario).contributions[0]
+    least = 1.0 - one.relative_errors[0].max(axis=1)
+    unmade = [k for k, name in enumerate(one.names) if not is_made(name, scenario)]
+    assert unmade
+    assert np.all(least[unmade] == 0.0)
+    assert least[one.names.index("drive_1")] > 0.5

@@ -53,7 +53,7 @@ from microvib.model.drive_states import (
 )
 from microvib.model.driven import noise_bands
 from microvib.model.driven import noise_density as density_of_friction
-from microvib.model.expected import ExpectedLine
+from microvib.model.expected import ExpectedLine, is_made
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
@@ -388,8 +388,9 @@ def _between_clock_lines(result: RunResult) -> str:
 
 
 def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]) -> np.ndarray:
-    """Relative error of lines of a run, (2, k, 2): of its integration, of what rings meanwhile, and
-    of a floor that hides them.
+    """Relative error of lines of a run, (2, k, 2): of its integration, of what rings meanwhile, of a
+    floor that hides them, and of lines of the clock that nothing in the drive makes, which noise or what
+    rings takes the place of.
     """
     T, held = table.duration, HELD_DRIVE_UNCERTAINTY if require_craft(scenario).second else 0.0
     stirs = (
@@ -407,7 +408,8 @@ def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]
         own + held + np.minimum(rings / size, RINGING_FACTOR) + np.maximum(hidden / size - 1.0, 0.0)
     )
     dies_away = np.array([bool(ringing_reason(x, table, scenario)) for x in lines], dtype=bool)
-    less = np.where((hidden > 0.0) | dies_away, 1.0, np.minimum(more, 1.0))
+    nothing_makes = np.array([not is_made(x.name, scenario) for x in lines], dtype=bool)
+    less = np.where((hidden > 0.0) | dies_away | nothing_makes, 1.0, np.minimum(more, 1.0))
     return np.tile(np.nan_to_num([less, more])[:, :, None], 2)
 
 
