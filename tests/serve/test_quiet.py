@@ -164,7 +164,7 @@ def test_a_margin_that_nothing_keeps_ends_a_search(client):
 @pytest.mark.long
 def test_requirements_are_judged_where_there_is_a_line_of_sight(client):
     craft = (EXAMPLES / "spacecraft.yaml").read_text()
-    changes = {"record.settle": "4 s", "record.duration": "2 s"}
+    changes = {"record.settle": "30 s", "record.duration": "16 s"}
     scenario = {"text": craft, "changes": changes}
     assert choices(client, scenario)["line_of_sight"]
     assert not choices(client, DRIVE)["line_of_sight"]
@@ -173,7 +173,8 @@ def test_requirements_are_judged_where_there_is_a_line_of_sight(client):
     assert answer.status_code == 202, answer.text
     told = result(client, answer.json()["id"])
     assert "requirement nearest to its limit, of P-1" in told["summary"]
-    assert "% of the limit" in told["facts"][0]["value"]
+    # Of the nominal drive; drawn ones, with less damping, still ring in such a record.
+    assert "% of the limit after" in str(told["parts"])
     lacking = client.post(
         "/api/quiet", json={**asked, "requirement": "requirements: [{metric: rpe}]"}
     )
