@@ -136,6 +136,8 @@ _LONGEST_ADDED_RECORD = 128.0
 """Length [s] up to which a record is made longer for the sake of slow full steps."""
 _LONGEST_RECORD_OF_CYCLES = 256.0
 """Length [s] up to which it is for what changes the drive more slowly."""
+_LONGER = 1.01
+"""Times the bursts of stick-slip that a record is made to last, for it holds whole samples."""
 _MOST_ADDED_SAMPLES = 2**22
 """Samples up to which it is."""
 
@@ -151,7 +153,8 @@ def with_full_steps(scenario: Scenario, count: int) -> Scenario:
     most = _MOST_ADDED_SAMPLES / record.sample_rate
     wanted = min(count * full_step_time(scenario), _LONGEST_ADDED_RECORD, most)
     if count > 0 and not not_moving_reason(scenario):
-        cycles = (CYCLES_SEEN * one.cycle for one in slow_variations(scenario))
+        cycles = [CYCLES_SEEN * one.cycle for one in slow_variations(scenario)]
+        cycles.append(_LONGER * _time_of_bursts(scenario))
         wanted = max([wanted, *(x for x in cycles if x <= min(_LONGEST_RECORD_OF_CYCLES, most))])
     if wanted <= record.duration:
         return scenario
