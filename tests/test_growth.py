@@ -54,9 +54,10 @@ def test_growth_of_the_linear_drive_is_that_of_the_kernels_period(rate, multipli
 )
 def test_a_run_in_time_passes_nothing_while_deviations_may_grow(text, settle, limit, band, what):
     record = {"record.settle": settle, "record.sample_rate": "512 Hz"}
-    scenario = drawn(text).with_(record)
+    ramped = drawn(text).with_(record)
+    scenario = ramped.with_({"tracking": {"rate": f"{math.degrees(ramped.rate)!r} deg/s"}})
     assert turning_drive(scenario).growth > 0.01
-    judged = judge(mv.find_lines(mv.simulate(scenario)), limit_of(limit, *band), scenario)
+    judged = judge(mv.find_lines(mv.simulate(ramped)), limit_of(limit, *band), scenario)
     assert judged.verdict == "not judged"
     assert what in str(judged)
 
