@@ -137,7 +137,7 @@ _LONGEST_ADDED_RECORD = 128.0
 _LONGEST_RECORD_OF_CYCLES = 256.0
 """Length [s] up to which it is for what changes the drive more slowly."""
 _LONGER = 1.01
-"""Times the bursts of stick-slip that a record is made to last, for it holds whole samples."""
+"""Length of a record over the time of bursts of stick-slip that it is made to show: it holds whole samples."""
 _MOST_ADDED_SAMPLES = 2**22
 """Samples up to which it is."""
 
@@ -325,29 +325,20 @@ def _changes_behind_reason(scenario: Scenario, held: Sequence[HeldRate]) -> str:
 
 
 def start_sentence(scenario: Scenario) -> str:
-    """Sentence on the starts by profiles of rate, until when they last and that they are not judged; empty
+    """Sentence on starts by profiles of rate: until when they last, and that they are not judged; empty
     without one.
     """
     trackings = {"tracking": scenario.tracking}
-    craft = scenario.spacecraft
-    if (
-        craft is not None
-        and craft.second_wing is not None
-        and craft.second_wing.tracking is not None
-    ):
-        trackings["spacecraft.second_wing.tracking"] = craft.second_wing.tracking
-    lasts = {}
+    wing = None if scenario.spacecraft is None else scenario.spacecraft.second_wing
+    if wing is not None and wing.tracking is not None:
+        trackings["spacecraft.second_wing.tracking"] = wing.tracking
+    lasts = []
     for key, tracking in trackings.items():
-        if tracking.profile is None:
-            continue
         held = tracking.held_rates()
-        reached = held[_recorded_leg(scenario, held)].start
+        reached = held[_recorded_leg(scenario, held)].start if held else 0.0
         if _first_motion(tracking) < reached:
-            lasts[key] = reached
-    if not lasts:
-        return ""
-    until = " and ".join(f"until {time:.4g} s ({key}.profile)" for key, time in lasts.items())
-    return f"The start, {until}, is not judged."
+            lasts.append(f"until {reached:.4g} s ({key}.profile)")
+    return f"The start, {' and '.join(lasts)}, is not judged." if lasts else ""
 
 
 def _first_motion(tracking: Tracking) -> float:

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from microvib.io.stated_scales import (
-    NOT_SCALED,
     QUANTITY,
-    is_factor,
+    factor_in,
     name_may_scale,
     names_scale,
     remark_may_scale,
+    scaling_value,
 )
 from microvib.model.rigid import COMPONENTS
 from microvib.testdata.channels import (
@@ -200,19 +200,27 @@ def recording_of(
     channels = [cut.part for cut in cuts]
     used = {id(cut.whole) for cut in cuts}
     _check_alike(channels, [column for column in named if id(column) not in used], rate, said)
-    said += [note for channel in channels for note in _integer_notes(channel, hints)]
-    said += [note for channel in channels for note in _not_a_number_notes(channel)]
-    units = [channel.unit for channel in channels]
-    lost = tuple(band for channel in channels for band in _uncertain_scale(channel, units, hints))
-    said += [band.why for band in lost]
+    lost = _remarks_on_samples(channels, hints, said)
     return Recording(
         {channel.name: channel.values for channel in channels},
         rate,
         {channel.name: channel.unit.strip().strip("[]").strip() for channel in channels},
         notes=tuple(dict.fromkeys(filter(None, said))),
-        lost=lost[:1],
+        lost=lost,
         axes=_other_names(channels, named, columns),
     )
+
+
+def _remarks_on_samples(
+    channels: Sequence[Column], hints: Hints, said: list[str]
+) -> tuple[UnusableBand, ...]:
+    """The first band in which a channel's scale is uncertain; notes on all channels' samples go to ``said``."""
+    units = [channel.unit for channel in channels]
+    said += [note for channel in channels for note in _integer_notes(channel, hints)]
+    said += [note for channel in channels for note in _not_a_number_notes(channel)]
+    lost = [band for channel in channels for band in _uncertain_scale(channel, units, hints)]
+    said += [band.why for band in lost]
+    return tuple(lost[:1])
 
 
 def _with_known_rate(columns: list[Column], said: list[str]) -> list[Column]:
@@ -280,8 +288,9 @@ def _uncertain_scale(channel: Column, units: Sequence[str], hints: Hints) -> Ite
 def _of_uncertain_scale(channel: Column, units: Sequence[str]) -> str:
     """Clause on the scale of a channel as its file says it; empty where it says nothing."""
     for name, value in channel.scales.items():
-        if is_factor(name, value):
-            shown = value if isinstance(value, str) else f"{float(np.ravel(value)[0]):.6g}"
+        factor = factor_in(name, value)
+        if factor is not None:
+            shown = factor if isinstance(factor, str) else f"{factor:.6g}"
             return (
                 f"'{name}: {shown[:40]}', and not whether the samples of {channel.name} are already"
                 " multiplied by it"
@@ -465,18 +474,12 @@ def _unscaled_counts(column: Column, hints: Hints) -> str:
     )
 
 
-def _scale_attribute(column: Column) -> tuple[str, Any] | None:
+def _scale_attribute(column: Column) -> tuple[str, str | float] | None:
     """First of what stands beside the samples that may be their scale."""
     for name, value in column.scales.items():
-        if not names_scale(name):
-            continue
-        if isinstance(value, str):
-            if re.search(r"\d", value) and not NOT_SCALED.fullmatch(value.strip()):
-                return name, value
-            continue
-        numbers = np.ravel(np.asarray(value))
-        if numbers.size and numbers.dtype.kind in "fiu" and np.any((numbers != 0) & (numbers != 1)):
-            return name, float(numbers[np.flatnonzero((numbers != 0) & (numbers != 1))[0]])
+        found = scaling_value(value) if names_scale(name) else None
+        if found is not None:
+            return name, found
     return None
 
 

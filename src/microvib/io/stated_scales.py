@@ -18,7 +18,7 @@ LONGEST_REMARK = 200
 """Characters of a text beyond which it tells a story and states no scale."""
 QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 """A number, and its unit or nothing."""
-NOT_SCALED = re.compile(r"[01](\.0*)?")
+_NOT_SCALED = re.compile(r"[01](\.0*)?")
 """A factor or offset, as text, that leaves samples as they are."""
 
 _SCALE = re.compile(
@@ -112,21 +112,27 @@ def names_scale(name: str) -> bool:
     return bool(_SCALE.search(whole)) or any(_SCALE_STARTS.match(word) for word in (*words, whole))
 
 
-def is_factor(name: str, value: Any) -> bool:
-    """Whether a number or text of this name may be a factor on samples, and is none that leaves them as
-    they are.
+def scaling_value(value: Any) -> str | float | None:
+    """A text with a number in it, or the first of some numbers, that does not leave samples as they are; None
+    without one.
     """
-    if not names_factor(name):
-        return False
     if isinstance(value, str):
-        number = QUANTITY.fullmatch(value)
-        if number is None or NOT_SCALED.fullmatch(value.strip()):
-            return False
-        return float(number[1]) != 0.0
+        scales = re.search(r"\d", value) and not _NOT_SCALED.fullmatch(value.strip())
+        return value if scales else None
     numbers = np.ravel(np.asarray(value))
-    return bool(
-        numbers.size and numbers.dtype.kind in "fiu" and np.any((numbers != 0) & (numbers != 1))
-    )
+    if numbers.dtype.kind not in "fiu":
+        return None
+    other = numbers[(numbers != 0) & (numbers != 1)]
+    return float(other[0]) if other.size else None
+
+
+def factor_in(name: str, value: Any) -> str | float | None:
+    """Number or text of this name that may be a factor on samples; None where it is none."""
+    found = scaling_value(value) if names_factor(name) else None
+    if isinstance(found, str):
+        number = QUANTITY.fullmatch(found)
+        return found if number is not None and float(number[1]) != 0.0 else None
+    return found
 
 
 def name_may_scale(channel: str) -> bool:

@@ -145,9 +145,8 @@ class _Struct:
     name: str
     numbers: Mapping[str, np.ndarray]
     unit_of: Mapping[str, str]  # units by the fields that they are of
-    further_units: Mapping[
-        str, Mapping[str, str]
-    ]  # other fields' units of the same, by these fields
+    unit_fields: Mapping[str, Mapping[str, str]]
+    """Texts that are called units of a field, by their own fields."""
     axis_unit: str
     names: list[str]  # of channels, listed in one field
     units: list[str]
@@ -209,7 +208,7 @@ class _Struct:
             said["in the struct's unit"] = self.units[0]
         if self._holds_values(key) or len(self.channels) == 1:
             said["in a field beside the struct"] = beside
-        said |= {f"in {field}": unit for field, unit in self.further_units.get(key, {}).items()}
+        said |= {f"in {field}": unit for field, unit in self.unit_fields.get(key, {}).items()}
         return {where: unit for where, unit in said.items() if unit}
 
 

@@ -164,12 +164,7 @@ def _dict_rows(
     """Rows of the lines of a table called ``name``, by the names in its first line."""
     names = {known.lower(): known for known in expected.names}
     head, *rows = _cells(lines) or [[]]
-    for cell in head:
-        if _has_mega(cell.strip()) and cell.strip().lower() in names:
-            raise kind(
-                f"{name}: column {quoted_value(cell.strip())} has a prefix of 1e6 (mega);"
-                f" {names[cell.strip().lower()]} is in thousandths (milli), and no other is read"
-            )
+    _refuse_mega(name, [cell.strip() for cell in head], names, kind)
     columns = [names.get(cell.strip().lower(), cell.strip()) for cell in head]
     rows = [row for row in rows if row]
     while columns and not columns[-1] and not _has_cells(rows, len(columns) - 1):
@@ -182,6 +177,18 @@ def _dict_rows(
                 f" {len(columns)} columns"
             )
     return [dict(zip(columns, [*row, *[""] * len(columns)], strict=False)) for row in rows]
+
+
+def _refuse_mega(
+    name: str, head: Sequence[str], names: Mapping[str, str], kind: type[MicrovibError]
+) -> None:
+    """Refuse a table whose heading has M, mega, where the column of its name in small letters is in milli."""
+    for cell in head:
+        if _has_mega(cell) and cell.lower() in names:
+            raise kind(
+                f"{name}: column {quoted_value(cell)} has a prefix of 1e6 (mega); {names[cell.lower()]} is in"
+                " thousandths (milli), and no other is read"
+            )
 
 
 def _has_mega(heading: str) -> bool:

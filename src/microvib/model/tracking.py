@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import zip_longest
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -118,7 +119,7 @@ class Tracking(Part):
         """Rates that the legs of a profile reach, in order, none without one; they carry the clock ratio."""
         legs = self.profile or ()
         found, now = [], 0.0
-        for leg, after in zip(legs, (*legs[1:], None), strict=True):
+        for leg, after in zip_longest(legs, legs[1:]):
             now += leg.ramp
             lasts = math.inf if leg.hold is None else leg.hold
             passed = leg.ramp + lasts + (after.ramp if after else 0.0)

@@ -133,7 +133,7 @@ def split_band(
     longer = slice(reach - margin, x.size - reach + margin)
     return BandHistory(
         reach, y[kept], inner[kept], envelope[kept], leak, top, (y[longer], inner[longer]), margin,
-        loudness_of_ends(x, reach, y[kept], nominal, (low / rate, high / rate)),
+        loudness_of_ends(x, rate, (low, high), y[kept], nominal),
     )  # fmt: skip
 
 

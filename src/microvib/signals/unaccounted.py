@@ -209,11 +209,13 @@ def _edges(duration: float, highest: float) -> np.ndarray:
     return np.zeros(0)
 
 
-def samples_of_lines(lines: Sequence[Line], n: int, sample_rate: float) -> np.ndarray:
-    """The samples (n,) of lines alone."""
+def samples_of_lines(
+    lines: Sequence[Line], n: int, sample_rate: float, duration: float | None = None
+) -> np.ndarray:
+    """The samples (n,) of lines alone, which were found in the first ``duration`` [s] of them, or in all."""
     t, found = np.arange(n) / sample_rate, np.zeros(n)
     for line in lines:
-        size = line.amplitude_at_start(n / sample_rate)
+        size = line.amplitude_at_start(n / sample_rate if duration is None else duration)
         falls = np.exp(-line.decay * t) if line.decay else 1.0
         found += size * falls * np.cos(2.0 * np.pi * line.frequency * t + line.phase)
     return found
@@ -296,7 +298,7 @@ def _power(pieces: np.ndarray, sample_rate: float) -> np.ndarray:
     samples.
     """
     length = pieces.shape[1]
-    window = _hann(length)
+    window = hann_window(length)
     values = np.fft.rfft(pieces * window, axis=1)
     return 2.0 * np.abs(values) ** 2 / (length * np.sum(window**2))
 
@@ -376,7 +378,7 @@ def _larger_in_pieces(
     duration = length / sample_rate
     starts = np.arange(0, rest.size - length + 1, length // 2)
     windows = np.lib.stride_tricks.sliding_window_view(rest, length)[starts]
-    values = np.fft.rfft(windows * _hann(length), axis=1)
+    values = np.fft.rfft(windows * hann_window(length), axis=1)
     for line in lines:
         nearest, band = round(line.frequency * duration), _band_of(line.frequency, bands)
         if band is None or not _FIRST <= nearest < values.shape[1] - _LOBE:
@@ -392,7 +394,7 @@ def _larger_in_pieces(
             )
 
 
-def _hann(length: int) -> np.ndarray:
+def hann_window(length: int) -> np.ndarray:
     """A Hann window whose ends lie half a sample beyond the first and the last, (length,)."""
     return np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
 

@@ -691,7 +691,7 @@ def _gaps(
             0.0,
             math.inf,
             at[known],
-            (_largestlos_over_torque(scenario, table.rest) * table.rest.in_sum[:, None])[known],
+            (_largest_los_over_torque(scenario, table.rest) * table.rest.in_sum[:, None])[known],
             between=True,
         )
     yield from _low_frequency_gaps(scenario, table)
@@ -758,7 +758,7 @@ def _low_frequency_gaps(scenario: Scenario, table: LineTable) -> Iterator[Unobse
     yield Unobserved(why, 0.0, lowest, f[[k]], most[[k]])
 
 
-def _largestlos_over_torque(scenario: Scenario, rest: ResidualPeaks) -> np.ndarray:
+def _largest_los_over_torque(scenario: Scenario, rest: ResidualPeaks) -> np.ndarray:
     """The largest line of sight (m, 2) over T_d in each part of the spectrum in which something is
     left [rad/(N m)]: at its ends, in it, and at modes of the craft in it.
     """

@@ -136,5 +136,5 @@ def together(found: Sequence[Equivalent], key: FitKey, value: float) -> str:
         )
     if others := [one for one in found if not one.adds]:
         names = " and ".join(one.key for one in others)
-        clauses.append(f", given {names}, which acts alike and is not told apart from it")
+        clauses.append(f", if {names} is right: an error in it has the same effect on all lines")
     return "".join(clauses)
