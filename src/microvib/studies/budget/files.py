@@ -143,9 +143,10 @@ class Requirement(Part):
             yield "curve: is of the amplitudes of lines; metric, window and percentile do not go with it"
         top = math.inf if self.highest is None else self.highest
         if steps and (steps[-1] <= self.lowest or steps[0] >= top):
+            band = f"from {self.lowest:g} Hz" + ("" if self.highest is None else f" to {top:g} Hz")
             yield (
                 f"curve: its points, {steps[0]:g} to {steps[-1]:g} Hz, are outside of lowest and highest,"
-                f" {self.lowest:g} to {top:g} Hz, so that nothing would be judged; move one of them"
+                f" {band}, so that nothing would be judged; move one of them"
             )
 
     @cached_property
