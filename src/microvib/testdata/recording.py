@@ -27,6 +27,7 @@ from microvib.testdata.channels import (
     plain_load,
     yaml_quoted,
 )
+from microvib.testdata.clipping import find_plateaus, run_lengths
 from microvib.testdata.floors import raised_floors
 from microvib.testdata.force_table import LARGEST_BIAS, ForceTable, UnusableBand
 from microvib.text_tables import counted
@@ -401,7 +402,7 @@ class Recording:
         if self.faults is not None:
             return self
         found = {
-            name: next(_in_samples(x[part], self.sample_rate), "")
+            name: next(_in_samples(x[part], self.sample_rate, self.units.get(name, "")), "")
             for name, x in self.channels.items()
         }
         single = {
@@ -656,7 +657,11 @@ def check_samples(recording: Recording, name: str) -> np.ndarray:
         recording,
         name,
         next(
-            chain(known, _broken(x, recording.sample_rate), _in_samples(x, recording.sample_rate)),
+            chain(
+                known,
+                _broken(x, recording.sample_rate),
+                _in_samples(x, recording.sample_rate, recording.units.get(name, "")),
+            ),
             "",
         ),
     )
@@ -676,7 +681,7 @@ def _faults(recording: Recording, name: str, x: np.ndarray, shortest: float) -> 
         yield f"reaches {measured}, beyond any instrument; the file is corrupt or its unit is wrong"
     if recording.duration < shortest:
         yield f"lasts {recording.duration:.4g} s; the lines asked for need {shortest:.4g} s"
-    yield from _in_samples(x, rate)
+    yield from _in_samples(x, rate, recording.units.get(name, ""))
 
 
 def _broken(x: np.ndarray, rate: float) -> Iterator[str]:
@@ -685,8 +690,8 @@ def _broken(x: np.ndarray, rate: float) -> Iterator[str]:
         yield f"has {bad.size} samples that are not numbers, the first at {bad[0] / rate:.4g} s"
 
 
-def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
-    """Faults of samples as they were read."""
+def _in_samples(x: np.ndarray, rate: float, unit: str = "") -> Iterator[str]:
+    """Faults of samples as they were read, in their ``unit``."""
     if x.size == 0:
         return
     yield from _broken(x, rate)
@@ -697,10 +702,9 @@ def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
     if usual > 0.0 and away[k] > OUTLIER * usual:
         times = f"{away[k] / usual:.1g} times as large as 99 % of its samples"
         yield f"is {x[k]:.4g} at {k / rate:.4g} s, {times}; a number in the file is broken"
-    clipped = _clipped(x)
-    if clipped:
-        yield f"is clipped: {clipped} samples in runs at its largest or smallest value, {x.max():.4g}"
-    dropped = int(np.max(_runs(np.diff(x) == 0.0), initial=0))
+    if plateaus := find_plateaus(x):
+        yield f"is clipped: {' and '.join(one.in_words(unit) for one in plateaus)}"
+    dropped = int(np.max(run_lengths(np.diff(x) == 0.0), initial=0))
     if dropped >= 8:
         yield f"repeats one value for {dropped + 1} samples; samples were dropped and held"
 
@@ -761,20 +765,3 @@ def _cycles_beyond_polynomial(order: int) -> float:
     whole = 0.5 + 0.25 * np.sin(2.0 * x) / x, 0.5 - 0.25 * np.sin(2.0 * x) / x
     taken = np.maximum(parts[::2].sum(axis=0) / whole[0], parts[1::2].sum(axis=0) / whole[1])
     return float(cycles[np.flatnonzero(taken > LARGEST_BIAS)[-1]])
-
-
-def _clipped(x: np.ndarray) -> int:
-    """Samples in runs of three or more at the largest or the smallest value; 0 unless there are
-    several such runs.
-    """
-    runs = np.concatenate([_runs(x == level) for level in (x.max(), x.min())])
-    long = runs[runs >= 3]
-    if long.size >= 2:
-        return int(long.sum())
-    return 0
-
-
-def _runs(flags: np.ndarray) -> np.ndarray:
-    """Lengths of the runs of what is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.view(np.int8), [0]])))
-    return edges[1::2] - edges[::2]
