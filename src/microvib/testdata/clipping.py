@@ -121,16 +121,13 @@ def _spike(x: np.ndarray, ordered: np.ndarray) -> tuple[float, float]:
     inner = max(int(1e-3 * x.size), 1)
     high = float(ordered[-beyond])
     span = high - float(ordered[inner - 1])
-    told: list[tuple[float, float]] = []
+    narrowest, told = (math.nan, math.nan), 0
     for width in _WIDTHS * span:
         level = _densest(ordered, high, 0.25 * span, width)
-        if _is_cut_off(x, ordered, level, width):
-            told.append((level, width))
-        else:
-            told.clear()
-        if len(told) == _ADJACENT:
-            return told[-1]
-    return math.nan, math.nan
+        told = told + 1 if _is_cut_off(x, ordered, level, width) else 0
+        if told >= _ADJACENT:
+            narrowest = float(np.median(x[np.abs(x - level) <= width])), float(width)
+    return narrowest
 
 
 def _densest(ordered: np.ndarray, high: float, reach: float, width: float) -> float:

@@ -110,18 +110,19 @@ class ComparedLoads:
 
     def _in_words(self, size: np.ndarray) -> str:
         """A sentence without a stop on lines of another size; ``size`` (k, 6) of each, 0 of others."""
-        order = np.argsort(-size, axis=None)[: np.count_nonzero(size)]
-        named = [np.unravel_index(at, size.shape) for at in order[:_MOST_NAMED]]
+        order = np.argsort(-size, axis=None)[:_MOST_NAMED]
+        named = [np.unravel_index(at, size.shape) for at in order if size.flat[at] > 0.0]
         told = ", ".join(self._line_in_words(int(k), int(j)) for k, j in named)
-        more = f" and {order.size - _MOST_NAMED} more" if order.size > _MOST_NAMED else ""
-        k, j = named[0]
-        if self.own[k, j] > self.amplitude[k, j]:
+        if self.own[named[0]] > self.amplitude[named[0]]:
             what = f"less than 1/{_MAX_LOAD_RATIO:g}"
-            cause = "a low-pass in the chain or its passband (response of the preparation file), unit, or a quieter drive"
+            cause = "a low-pass in the chain (response of the preparation file), the passband, a unit, a quieter drive"
         else:
             what = f"more than {_MAX_LOAD_RATIO:g} times"
-            cause = "a resonance of the table, unit, another rate, or a louder drive"
-        return f"the recording has {what} of lines of the scenario's own run that matter here: {told}{more} ({cause}?)"
+            cause = "a resonance of the table, a unit, another rate, a louder drive"
+        return (
+            f"the recording has {what} of lines of the scenario's own run that matter here, such as {told};"
+            f" possible causes are {cause}"
+        )
 
     def _line_in_words(self, k: int, j: int) -> str:
         """A line of a component with the amplitudes of both."""
