@@ -155,7 +155,7 @@ class Sweep(Protocol):
 
 
 class SoughtLoads(NamedTuple):
-    """What a recording has of each line that was sought in it, below its floors or not."""
+    """Loads of each line that was sought in a recording, below its floors or not."""
 
     names: tuple[str, ...]
     frequency: np.ndarray
