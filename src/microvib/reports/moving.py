@@ -188,9 +188,10 @@ def shape_of_craft(scenario: Scenario, modes: Modes | None) -> AnimatedShape:
         and second.reducer is not None
         and second.array_angle is not None
     ):
-        by = coordinates(
-            second.reducer, len(second.array.modes)
-        )  # theta_m, theta_l, modes by the coordinates of a held wing
+        # theta_m, theta_l, modes by the coordinates of a held wing, or of one that is locked
+        by = coordinates(second.reducer, len(second.array.modes))
+        if second.drive == "locked":
+            by = np.eye(len(by))[:, 2:]
         turned = by @ shapes[6 + len(hub.modes) :][: by.shape[1]]
         moved = craft.at(SECOND_INTERFACE) @ shapes
         moved[3:] += np.outer(second.interface.axis, turned[1])

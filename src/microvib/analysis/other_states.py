@@ -1,0 +1,237 @@
+"""Lines of a run in other states of the other wing's hinge than the one that the run has: whether they
+would change a verdict.
+
+By how much a line differs is what the linearised drives and craft make of a torque on the shafts of the
+drive (``microvib.model.other_hinge``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from microvib.analysis.margins import Margin, line_range
+from microvib.analysis.unseen import OutOfBandLines
+from microvib.model.other_hinge import OtherHinge, other_hinge, torque_at_locked_hinge
+from microvib.model.scenario import Scenario
+from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.limit_curve import LimitCurve
+from microvib.signals.line_table import (
+    NOISE_DRIVEN,
+    Line,
+    LineTable,
+    ResidualPeaks,
+    part_ends,
+)
+
+COUNTS = 0.01
+"""Part by which a line has to differ for a verdict to say on what it rests."""
+SECOND_WING = "_2"
+"""Ending of the channels of loads at a second wing's interface."""
+_LEAST_ALLOWED = 1e-9
+"""Part of a limit that is left to a line at the least, where others take it all."""
+_STIRRED = 0.01
+"""Part of the change of a line by which any other may change, as friction and the motor couple them;
+assumed: of a line that changed by 376 mN m none changed by more than 0.03 mN m beyond its own ratio
+(``tests/test_other_states.py``)."""
+_FAR_BELOW = 1e3
+"""Times below a limit from which no other state is looked at, above the passband."""
+_UNCHANGED = np.ones(2)
+
+
+@dataclass(frozen=True)
+class View:
+    """A hinge, and the load that is seen of the drive which moves it."""
+
+    hinge: OtherHinge
+    component: str = ""
+    there: bool = False
+
+    def ratios(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """As ``OtherHinge.ratios``."""
+        return self.hinge.ratios(low, high, self.component, there=self.there)
+
+
+@dataclass(frozen=True)
+class OtherStates:
+    """Other states of a hinge than a run's, for the lines of one table."""
+
+    views: tuple[View, ...]
+    """By each drive whose lines the table has."""
+    of_lines: Mapping[str, np.ndarray]
+    """Least and largest amplitude of each line that lasts over its own, by its name, (2,)."""
+    stirred: float
+    """What any line may change by the change of the largest, in the table's unit: friction and the
+    motor couple them."""
+
+    @property
+    def gap(self) -> str:
+        """Why nothing is known of lines that differ between states, and what to do."""
+        one = self.views[0].hinge
+        return (
+            f"the state of {one.whose} hinge: {one.why} may hold that shaft otherwise than its linearised"
+            f" drive, by which the run has it held ({one.remedy})"
+        )
+
+    @property
+    def assumption(self) -> str:
+        """On what a verdict rests, as a sentence."""
+        one = self.views[0].hinge
+        return (
+            f"Lines are those with {one.whose} shaft held by its linearised drive, and verdicts hold in other"
+            f" states of that hinge, too ({one.why})."
+        )
+
+    def ratios(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Least and largest ratio over all views between frequencies (m,) and (m,) [Hz], (2, m)."""
+        each = np.array([view.ratios(low, high) for view in self.views])
+        return np.array([each[:, 0].min(axis=0), each[:, 1].max(axis=0)])
+
+    def largest(self, line: Line, amplitude: float) -> float:
+        """The most that a line of an ``amplitude`` has in any state."""
+        return float(self._of(line)[1]) * amplitude + self.stirred
+
+    def least(self, line: Line, amplitude: float) -> float:
+        """The least that it has."""
+        return max(float(self._of(line)[0]) * amplitude - self.stirred, 0.0)
+
+    def strictest(self, line: Line, limit: float) -> float:
+        """What is allowed to a line of the run so that it is within a ``limit`` in every state."""
+        allowed = (limit - self.stirred) / float(self._of(line)[1])
+        return max(allowed, _LEAST_ALLOWED * limit)
+
+    def most_lenient(self, line: Line, limit: float) -> float:
+        """What a line of the run has to be above so that it is above a ``limit`` in every state."""
+        least = float(self._of(line)[0])
+        return (limit + self.stirred) / least if least > 0.0 else math.inf
+
+    def judged(
+        self, found: Margin, judged_at: Callable[[float], Margin], lenient: float, unit: str
+    ) -> Margin:
+        """The margin of a line, not judged where it would pass or fail in another state.
+
+        ``judged_at`` judges it by another limit; it failed above ``lenient``.
+        """
+        line, at = found.line, found.limit
+        if found.verdict == "pass":
+            if judged_at(self.strictest(line, at)).verdict == "pass":
+                return found
+            other = f"up to {1e3 * self.largest(line, found.amplitude):.4g}"
+        elif found.verdict == "fail":
+            if judged_at(self.most_lenient(line, lenient)).verdict == "fail":
+                return found
+            other = f"as little as {1e3 * self.least(line, found.amplitude):.4g}"
+        else:
+            return found
+        why = (
+            f"{line.name} ({1e3 * found.amplitude:.4g} {unit}, and {other} {unit} with another state of"
+            f" {self.views[0].hinge.whose} hinge)"
+        )
+        return replace(found, verdict="not judged", why=why, by_state=True)
+
+    def matters(self, table: LineTable, limit: LimitCurve) -> bool:
+        """Whether a line within a limit's band differs by more than ``COUNTS``."""
+        return any(
+            limit.holds(line.place) and np.max(np.abs(self._of(line) - 1.0)) > COUNTS
+            for line in table
+            if line.name in self.of_lines
+        )
+
+    def peaks_above(
+        self, peaks: ResidualPeaks | None, limit: LimitCurve, factor: float = 1.0
+    ) -> tuple[float, float] | None:
+        """Frequency [Hz] and largest amplitude of the peak that is farthest above a limit in another state;
+        None where none is.
+        """
+        if peaks is None or not peaks.frequency.size:
+            return None
+        most = self.ratios(*part_ends(peaks.frequency))[1]
+        scaled = replace(peaks, amplitude=peaks.amplitude * most + self.stirred)
+        frequency, amplitude, allowed = scaled.nearest_to(limit)
+        return (frequency, factor * amplitude) if factor * amplitude > allowed else None
+
+    def out_of_band(self, one: OutOfBandLines, limit: LimitCurve) -> OutOfBandLines:
+        """Bounds on lines above the passband, as large as they are in any state where they are not far
+        below a limit.
+        """
+        near = np.flatnonzero(_FAR_BELOW * one.most > one.least_allowed(limit))
+        if not near.size:
+            return one
+        most, at = one.most.copy(), one.frequency[near]
+        most[near] *= self.ratios(at, at)[1]
+        return replace(one, most=most)
+
+    def _of(self, line: Line) -> np.ndarray:
+        return self.of_lines.get(line.name, _UNCHANGED)
+
+
+def other_states(
+    table: LineTable, scenario: Scenario | None, component: str = "", *, first: bool = True
+) -> OtherStates | None:
+    """Other states of the other wing's hinge for the lines of a simulated table; None where there is no
+    other wing, or nothing but its linearised drive holds it.
+
+    ``component`` is the load that the lines are of, ``Fx`` to ``Mz``, with ``_2`` at the second wing's
+    interface; the torque of the drive without it. Not ``first``: the drive is the second wing's.
+    """
+    if scenario is None or table.clock_ratio_uncertainty != 0.0:
+        return None
+    views = tuple(_views(scenario, component, first=first))
+    if not views:
+        return None
+    states = OtherStates(views, {}, 0.0)
+    lines = [line for line in table if _lasts(line) and line.place > 0.0]
+    ranges = np.array([line_range(line, table, scenario) for line in lines]).reshape(-1, 2)
+    ratios = states.ratios(np.maximum(ranges[:, 0], 1e-9), ranges[:, 1])
+    size = np.nan_to_num([line.amplitude for line in lines])
+    changes = np.abs(ratios - 1.0).max(axis=0, initial=0.0)
+    stirred = _STIRRED * float(np.max(size * np.where(size > 0.0, changes, 0.0), initial=0.0))
+    of_lines = {line.name: ratio for line, ratio in zip(lines, ratios.T, strict=True)}
+    return replace(states, of_lines=of_lines, stirred=stirred)
+
+
+def _lasts(line: Line) -> bool:
+    """Whether a line is no ringing, nor one draw of noise."""
+    if line.status in (TRANSIENT, NOISE_DRIVEN):
+        return False
+    return not line.is_mode or line.status == "ok"
+
+
+def _views(scenario: Scenario, component: str, *, first: bool) -> Iterator[View]:
+    """The hinges that loads of a scenario's drives depend on."""
+    there = component.endswith(SECOND_WING)
+    name = component.removesuffix(SECOND_WING)
+    own = other_hinge(scenario, first=first)
+    if own is not None:
+        yield View(own, name, there)
+    driven = scenario.driven_wing if component else None
+    second = None if driven is None else other_hinge(driven, first=False)
+    if second is not None:
+        yield View(second, name, not there)
+
+
+def slipping_reason(table: LineTable, scenario: Scenario | None) -> str:
+    """Why a second wing's shaft that a scenario has locked may not stay so, by the lines of the first
+    drive's torque; empty where it does, and where no friction is given that would hold it.
+    """
+    other = None if scenario is None else scenario.other_wing
+    if scenario is None or other is None or not scenario.second_is_locked:
+        return ""
+    holds, key = other.friction.breakaway_torque, "spacecraft.second_wing.drive"
+    if holds == 0.0:
+        return ""
+    if other.friction.memory:
+        return f"the state of the second wing's hinge, which friction with presliding does not lock ({key}: held)"
+    lines = [line for line in table if line.seen and line.place > 0.0]
+    size = [max(line.amplitude, line.amplitude_at_start(table.duration)) for line in lines]
+    at = np.array([line.place for line in lines])
+    torque = float(np.sum(np.nan_to_num(size) * torque_at_locked_hinge(scenario, at)))
+    if torque <= holds:
+        return ""
+    return (
+        f"the state of the second wing's hinge, which is locked in the run: torques of up to {torque:.3g} N m"
+        f" there may overcome its friction, of {holds:.3g} N m ({key}: held)"
+    )
