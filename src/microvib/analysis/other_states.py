@@ -70,11 +70,7 @@ class OtherStates:
     @property
     def gap(self) -> str:
         """Why nothing is known of lines that differ between states, and what to do."""
-        one = self.views[0].hinge
-        return (
-            f"the state of {one.whose} hinge: {one.why} may hold that shaft otherwise than its linearised"
-            f" drive, by which the run has it held ({one.remedy})"
-        )
+        return self.views[0].hinge.gap
 
     @property
     def assumption(self) -> str:

@@ -13,6 +13,7 @@ all between their ends are looked at.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -20,6 +21,7 @@ import numpy as np
 
 from microvib.model.coupling import receiver_of, require_craft, source_of
 from microvib.model.drive_states import DriveStates, drive_states
+from microvib.model.linear import CoupledMode
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import Interface
@@ -27,6 +29,8 @@ from microvib.model.spacecraft import Interface
 _LOCKED = "spacecraft.second_wing.drive: locked judges it locked"
 _SLIDING = "a spacecraft.second_wing.friction without breakaway and slip_ring judges it free"
 _EXCHANGED = f"with the wings exchanged, {_LOCKED}"
+_SAME_MODE = 2e-3
+"""Part of its frequency within which a mode is one that is known."""
 _INSIDE = 5
 """Frequencies at which a range of them is looked at, beside natural ones."""
 
@@ -42,6 +46,14 @@ class OtherHinge:
     """What may hold the shaft otherwise than its linearised drive, in words."""
     remedy: str
     """What to do to have one state judged."""
+
+    @property
+    def gap(self) -> str:
+        """Why nothing is known of lines that differ between states, and what to do; a clause."""
+        return (
+            f"the state of {self.whose} hinge: {self.why} may hold that shaft otherwise than its linearised"
+            f" drive, by which the run has it held ({self.remedy})"
+        )
 
     def ratios(
         self, low: np.ndarray, high: np.ndarray, component: str = "", *, there: bool = False
@@ -63,6 +75,19 @@ class OtherHinge:
         found = np.nan_to_num(found[:, :, 0], nan=1.0, posinf=np.inf)
         least = np.minimum.reduceat(found[0].min(axis=1), first)
         return np.array([least, np.maximum.reduceat(found[1].max(axis=1), first)])
+
+    def modes(self, known: Iterable[CoupledMode], least: float) -> Iterator[CoupledMode]:
+        """Modes of other states, beside those that are ``known``, at which the torque of the drive may be
+        more than ``least`` times that of the run.
+        """
+        seen = [mode.frequency for mode in known]
+        for f, half_width in sorted(self.states.natural_frequencies.tolist()):
+            if any(abs(f - x) <= _SAME_MODE * x for x in seen):
+                continue
+            seen.append(f)
+            if self.ratios(np.array([f]), np.array([f]))[1, 0] > least:
+                name = f"mode of {f:.5g} Hz in another state of {self.whose} hinge"
+                yield CoupledMode(name, f, half_width / f, None)
 
     @cached_property
     def _natural_frequencies(self) -> np.ndarray:
