@@ -301,7 +301,7 @@ def judge(
         judged = _judge_table(table, limit, limit.curve, scenario, states=states)
         if scenario is not None and scenario.driven_wing is not None:
             judged = _combine_drives(judged, second, scenario.driven_wing.alone)
-    of_loads = tuple(_judged_loads(limit, table, loads or {}, scenario))
+    of_loads = list(_judged_loads(limit, table, loads or {}, scenario))
     if slips := slipping_reason(table, scenario):
         judged, *of_loads = (_open_for(one, slips) for one in (judged, *of_loads))
     return replace(judged, loads=tuple(of_loads))

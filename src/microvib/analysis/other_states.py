@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.analysis.margins import Margin, line_range
+from microvib.analysis.margins import RINGING_FACTOR, Margin, line_range
 from microvib.analysis.unseen import OutOfBandLines
 from microvib.model.other_hinge import OtherHinge, other_hinge, torque_at_locked_hinge
 from microvib.model.scenario import Scenario
@@ -33,13 +33,8 @@ SECOND_WING = "_2"
 """Ending of the channels of loads at a second wing's interface."""
 _LEAST_ALLOWED = 1e-9
 """Part of a limit that is left to a line at the least, where others take it all."""
-_STIRRED = 0.01
-"""Part of the change of a line by which any other may change, as friction and the motor couple them;
-assumed: of a line that changed by 376 mN m none changed by more than 0.03 mN m beyond its own ratio
-(``tests/test_other_states.py``)."""
 _FAR_BELOW = 1e3
 """Times below a limit from which no other state is looked at, above the passband."""
-_UNCHANGED = np.ones(2)
 
 
 @dataclass(frozen=True)
@@ -62,10 +57,10 @@ class OtherStates:
     views: tuple[View, ...]
     """By each drive whose lines the table has."""
     of_lines: Mapping[str, np.ndarray]
-    """Least and largest amplitude of each line that lasts over its own, by its name, (2,)."""
+    """Of each line that lasts, by its name: least and largest amplitude over its own, and what it may
+    change beside by the changes of others, (3,)."""
     stirred: float
-    """What any line may change by the change of the largest, in the table's unit: friction and the
-    motor couple them."""
+    """What a line that is not among them may change by their changes, in the table's unit."""
 
     @property
     def gap(self) -> str:
@@ -88,21 +83,23 @@ class OtherStates:
 
     def largest(self, line: Line, amplitude: float) -> float:
         """The most that a line of an ``amplitude`` has in any state."""
-        return float(self._of(line)[1]) * amplitude + self.stirred
+        _, most, stirred = self._of(line)
+        return most * amplitude + stirred
 
     def least(self, line: Line, amplitude: float) -> float:
         """The least that it has."""
-        return max(float(self._of(line)[0]) * amplitude - self.stirred, 0.0)
+        least, _, stirred = self._of(line)
+        return max(least * amplitude - stirred, 0.0)
 
     def strictest(self, line: Line, limit: float) -> float:
         """What is allowed to a line of the run so that it is within a ``limit`` in every state."""
-        allowed = (limit - self.stirred) / float(self._of(line)[1])
-        return max(allowed, _LEAST_ALLOWED * limit)
+        _, most, stirred = self._of(line)
+        return max((limit - stirred) / most, _LEAST_ALLOWED * limit)
 
     def most_lenient(self, line: Line, limit: float) -> float:
         """What a line of the run has to be above so that it is above a ``limit`` in every state."""
-        least = float(self._of(line)[0])
-        return (limit + self.stirred) / least if least > 0.0 else math.inf
+        least, _, stirred = self._of(line)
+        return (limit + stirred) / least if least > 0.0 else math.inf
 
     def judged(
         self, found: Margin, judged_at: Callable[[float], Margin], lenient: float, unit: str
@@ -131,7 +128,7 @@ class OtherStates:
     def matters(self, table: LineTable, limit: LimitCurve) -> bool:
         """Whether a line within a limit's band differs by more than ``COUNTS``."""
         return any(
-            limit.holds(line.place) and np.max(np.abs(self._of(line) - 1.0)) > COUNTS
+            limit.holds(line.place) and np.max(np.abs(self.of_lines[line.name][:2] - 1.0)) > COUNTS
             for line in table
             if line.name in self.of_lines
         )
@@ -160,8 +157,13 @@ class OtherStates:
         most[near] *= self.ratios(at, at)[1]
         return replace(one, most=most)
 
-    def _of(self, line: Line) -> np.ndarray:
-        return self.of_lines.get(line.name, _UNCHANGED)
+    def _of(self, line: Line) -> tuple[float, float, float]:
+        """Ratios of a line, and what others change of it."""
+        found = self.of_lines.get(line.name)
+        if found is None:
+            return 1.0, 1.0, self.stirred
+        least, most, stirred = found.tolist()
+        return least, most, stirred
 
 
 def other_states(
@@ -183,10 +185,25 @@ def other_states(
     ranges = np.array([line_range(line, table, scenario) for line in lines]).reshape(-1, 2)
     ratios = states.ratios(np.maximum(ranges[:, 0], 1e-9), ranges[:, 1])
     size = np.nan_to_num([line.amplitude for line in lines])
-    changes = np.abs(ratios - 1.0).max(axis=0, initial=0.0)
-    stirred = _STIRRED * float(np.max(size * np.where(size > 0.0, changes, 0.0), initial=0.0))
-    of_lines = {line.name: ratio for line, ratio in zip(lines, ratios.T, strict=True)}
-    return replace(states, of_lines=of_lines, stirred=stirred)
+    beside = stirring(size, ratios)
+    of_lines = {
+        line.name: of for line, of in zip(lines, np.vstack([ratios, beside]).T, strict=True)
+    }
+    return replace(states, of_lines=of_lines, stirred=float(np.max(beside, initial=0.0)))
+
+
+def stirring(amplitude: np.ndarray, ratios: np.ndarray) -> np.ndarray:
+    """What each line (k,) may change by the largest change of another, where its ``ratios`` (2, k) change it.
+
+    Friction, detent torque and the motor's spring couple lines: a tenth of that change, where 6 % of it
+    were seen (``tests/test_other_states.py``).
+    """
+    changes = amplitude * np.abs(ratios - 1.0).max(axis=0, initial=0.0)
+    largest, others = (*np.sort(changes)[:-3:-1], 0.0, 0.0)[:2]
+    found = np.full(changes.shape, RINGING_FACTOR * largest)
+    if found.size:
+        found[np.argmax(changes)] = RINGING_FACTOR * others
+    return found
 
 
 def _lasts(line: Line) -> bool:

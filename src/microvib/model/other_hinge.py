@@ -31,6 +31,8 @@ _SLIDING = "a spacecraft.second_wing.friction without breakaway and slip_ring ju
 _EXCHANGED = f"with the wings exchanged, {_LOCKED}"
 _SAME_MODE = 2e-3
 """Part of its frequency within which a mode is one that is known."""
+_LARGEST = 1e9
+"""Ratio that stands for one without bound."""
 _INSIDE = 5
 """Frequencies at which a range of them is looked at, beside natural ones."""
 
@@ -70,9 +72,9 @@ class OtherHinge:
         forces = np.hstack([self.states.on_rotor, self.states.on_output])
         row = self.row(component, there=there)[None, :]
         run = np.abs(self.states.response(at, forces, row))
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # without any damping
             found = self.states.extremes(at, forces, row, between=False) / run
-        found = np.nan_to_num(found[:, :, 0], nan=1.0, posinf=np.inf)
+        found = np.minimum(np.nan_to_num(found[:, :, 0], nan=1.0, posinf=_LARGEST), _LARGEST)
         least = np.minimum.reduceat(found[0].min(axis=1), first)
         return np.array([least, np.maximum.reduceat(found[1].max(axis=1), first)])
 
@@ -159,7 +161,7 @@ def torque_at_locked_hinge(scenario: Scenario, frequency: np.ndarray) -> np.ndar
     rows = np.array([seen.row("", there=False), seen.row(wing.interface, there=True)])
     moved = np.abs(seen.states.response(frequency, seen.states.on_rotor, rows))[:, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.nan_to_num(moved[:, 1] / moved[:, 0], posinf=np.inf))
+        return np.asarray(np.nan_to_num(moved[:, 1] / moved[:, 0], posinf=_LARGEST))
 
 
 def _with_currents(scenario: Scenario) -> Scenario:

@@ -22,6 +22,7 @@ from microvib.analysis.margins import (
     frequency_error_bound,
 )
 from microvib.analysis.noise import NOISE, changed_line_bounds, noise_bounds, noise_of_record
+from microvib.analysis.other_states import stirring
 from microvib.analysis.start import (
     RecordGap,
     mode_has_decayed,
@@ -141,16 +142,23 @@ class RateLine:
     """How far from its frequency [Hz] another line may lie that it stands for."""
     ratios: tuple[float, float] = (1.0, 1.0)
     """Least and largest amplitude over its own, over the states of the other wing's hinge."""
+    stirred: float = 0.0
+    """What it may change there by the changes of others [N m]."""
+
+    @property
+    def raised(self) -> float:
+        """The amplitude to which the hinge raises it at most [N m]."""
+        return self.amplitude * self.ratios[1]
 
     @property
     def most(self) -> float:
-        """The largest amplitude that it has in any of these states [N m]."""
-        return self.amplitude * self.ratios[1]
+        """The largest amplitude that it may have in any of these states [N m]."""
+        return self.raised + self.stirred
 
     @property
     def least(self) -> float:
         """The least [N m]."""
-        return self.amplitude * self.ratios[0]
+        return max(self.amplitude * self.ratios[0] - self.stirred, 0.0)
 
     if not TYPE_CHECKING:
 
@@ -800,7 +808,11 @@ def _in_other_states(case: RateCase, hinge: OtherHinge | None) -> RateCase:
     if hinge is None or case.failed:
         return case
     lines = _with_ratios(case.lines, hinge)
-    hidden = (replace(x, amplitude=x.most) for x in _with_ratios(case.hidden, hinge))
+    stirred = max((x.stirred for x in lines), default=0.0)
+    of_hidden = _with_ratios(case.hidden, hinge)
+    hidden = (
+        replace(x, amplitude=x.raised + stirred, ratios=(1.0, 1.0), stirred=0.0) for x in of_hidden
+    )
     unseen = case.unseen
     if case.shown == 0.0:  # above a passband the hinge changes next to nothing
         unseen = tuple(
@@ -814,9 +826,10 @@ def _with_ratios(lines: Sequence[RateLine], hinge: OtherHinge) -> tuple[RateLine
     f, reach = _places(lines)
     near = np.where(np.isfinite(reach), reach, 0.0)
     ratios = hinge.ratios(f - near, f + near)
+    beside = stirring(_amplitudes(lines), ratios)
     return tuple(
-        replace(line, ratios=(float(a), float(b)))
-        for line, a, b in zip(lines, *ratios, strict=True)
+        replace(line, ratios=(float(a), float(b)), stirred=float(c))
+        for line, a, b, c in zip(lines, *ratios, beside, strict=True)
     )
 
 
@@ -1228,13 +1241,13 @@ def _strongest_crossing(meeting: Resonance, cases: Sequence[RateCase]) -> Resona
         if all(case.failed for case in cases):
             return meeting
         return None
-    line, rate = max(found, key=lambda item: item[0].most)
-    return replace(meeting, rate=rate, frequency=line.frequency, amplitude=line.most)
+    line, rate = max(found, key=lambda item: item[0].raised)
+    return replace(meeting, rate=rate, frequency=line.frequency, amplitude=line.raised)
 
 
 def _significant_lines(case: RateCase) -> list[RateLine]:
-    top = max((x.most for x in case.lines), default=0.0)
-    return [x for x in case.lines if x.most >= MIN_RESONANCE_RATIO * top]
+    top = max((x.raised for x in case.lines), default=0.0)
+    return [x for x in case.lines if x.raised >= MIN_RESONANCE_RATIO * top]
 
 
 def _unconfirmed_cases(cases: Iterable[RateCase], band: tuple[float, float]) -> list[RateCase]:
