@@ -3,6 +3,7 @@ sliding or locked by dry friction, and a wing that is locked outright."""
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,20 @@ import pytest
 
 import microvib as mv
 from microvib.analysis.limits import judge
-from microvib.analysis.other_states import other_states, slipping_reason
+from microvib.analysis.other_states import other_states, slipping_reason_of_table
 from microvib.analysis.run import RunResult
 from microvib.model.linear import disturbance_torque_response
 from microvib.model.other_hinge import other_hinge
 from microvib.model.scenario import Scenario
+from microvib.reports.rates import rates_outcome
 from microvib.reports.run.outcome import run_outcome
 from microvib.signals.limit_curve import LimitCurve
-from microvib.studies.rates import OTHER_STATE, full_case, linear_case, plan_rates
+from microvib.studies.campaign.cases import VERDICTS, compute_bytes
+from microvib.studies.campaign.design import read_design
+from microvib.studies.campaign.folder import create
+from microvib.studies.campaign.results import merge, open_results
+from microvib.studies.campaign.statistics import ABOVE, UNKNOWN, case_verdicts, line_verdicts
+from microvib.studies.rates import OTHER_STATE, RECORD_GAP, full_case, linear_case, plan_rates
 from microvib.units import Si
 
 RATE = math.radians(0.0209)
@@ -244,22 +251,62 @@ def test_a_locked_shaft_that_would_slip_is_not_judged(locked: RunResult) -> None
     """The torque at the locked hinge against what friction holds."""
     loads = locked.load_lines(mv.Limit.of_curves(None, {"My": LimitCurve.flat(1.0)}))
     there = sum(x.amplitude for x in loads["My_2"] if x.seen)
-    for part, slips in ((0.5, True), (2.0, False)):
-        friction = {
+    weak: dict[str, float] = {}
+    for part, slips in ((2.0, False), (0.5, True)):
+        weak = {
             "coulomb": 0.5 * part * there,
             "breakaway": part * there,
             "stribeck_rate": 5e-5,
             "viscous": 0.0255,
         }
-        one = locked.scenario.with_si({"spacecraft.second_wing.friction": friction})
-        assert bool(slipping_reason(locked.table, one)) == slips
+        one = locked.scenario.with_si({"spacecraft.second_wing.friction": weak})
+        assert bool(slipping_reason_of_table(locked.table, one)) == slips
         judged = judge(locked.table, mv.Limit("1200 mN*m"), one)
         assert judged.verdict == ("not judged" if slips else "pass")
-    assert "may overcome its friction" in slipping_reason(
-        locked.table, one.with_si({"spacecraft.second_wing.friction.breakaway": 0.3 * there, "spacecraft.second_wing.friction.coulomb": 0.0})
-    )  # fmt: skip
+    case = full_case(
+        locked.scenario.with_si({"spacecraft.second_wing.friction": weak}), Si(RATE), 16
+    )
+    assert case.gap is not None
+    assert "may overcome its friction" in case.gap.why
+    assert case.verdict((0.0, math.inf), 0.1) == RECORD_GAP
 
 
 def test_a_budget_refuses_a_locked_wing() -> None:
     with pytest.raises(mv.MicrovibError, match=r"second_wing.drive: locked.*use held"):
         mv.pointing_budget(craft(**{"spacecraft.second_wing.drive": "locked"}))
+
+
+@pytest.mark.release
+def test_a_case_of_a_campaign_neither_passes_nor_fails(tmp_path: Path) -> None:
+    """A line that is within the limit, and one above it, are not counted as such: the other state decides."""
+    (tmp_path / "craft.yaml").write_text(mv.dump_scenario(craft()))
+    for limit, name in (("150 mN*m", "full_step_1"), ("60 mN*m", "full_step_1")):
+        study = tmp_path / f"{limit[:2]}.yaml"
+        study.write_text(
+            "scenario: craft.yaml\n"
+            "vary: {motor.detent_torque: {distribution: uniform, within: 1e-6 percent}}\n"
+            f"sampling: {{method: random, count: 1}}\nlimit: {limit}\nsolve: steady\n"
+        )
+        campaign = create(read_design(study), tmp_path / limit[:2])
+        campaign.write(0, compute_bytes(campaign.work(0)))
+        merge(campaign)
+        results = open_results(campaign)
+        curve = LimitCurve.flat(0.001 * float(limit.split()[0]))
+        whole = case_verdicts(results, curve, (0.0, math.inf))
+        of_line = line_verdicts(results, name, curve, (0.0, math.inf), whole)
+        if limit == "150 mN*m":
+            assert VERDICTS[results.verdicts[0]] == "not judged"
+            assert whole.tolist() == [UNKNOWN]
+            assert of_line.tolist() == [UNKNOWN]
+        else:
+            assert VERDICTS[results.verdicts[0]] == "fail"
+            assert of_line.tolist() == [ABOVE]
+
+
+def test_the_files_of_a_plan_tell_of_other_states() -> None:
+    plan = plan_rates(craft(), [Si(RATE / 16.0)], linear=True)
+    table = next(x for x in rates_outcome(plan).files if x.name == "not_seen")
+    told = {row[2]: row[5] for row in table.rows}
+    assert told[f"drive_1 {OF_STATE.replace('second', 'other')}"] == pytest.approx(
+        next(x for x in plan.cases[0].lines if x.name == "drive_1").most
+    )

@@ -40,7 +40,12 @@ from microvib.analysis.noise import (
     noise_of_record,
     with_other_draws,
 )
-from microvib.analysis.other_states import SECOND_WING, OtherStates, other_states, slipping_reason
+from microvib.analysis.other_states import (
+    SECOND_WING,
+    OtherStates,
+    other_states,
+    slipping_reason_of_table,
+)
 from microvib.analysis.start import (
     RecordGap,
     mode_has_decayed,
@@ -302,7 +307,7 @@ def judge(
         if scenario is not None and scenario.driven_wing is not None:
             judged = _combine_drives(judged, second, scenario.driven_wing.alone)
     of_loads = list(_judged_loads(limit, table, loads or {}, scenario))
-    if slips := slipping_reason(table, scenario):
+    if slips := slipping_reason_of_table(table, scenario):
         judged, *of_loads = (_open_for(one, slips) for one in (judged, *of_loads))
     return replace(judged, loads=tuple(of_loads))
 

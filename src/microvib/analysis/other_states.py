@@ -8,7 +8,7 @@ drive (``microvib.model.other_hinge``).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -226,9 +226,18 @@ def _views(scenario: Scenario, component: str, *, first: bool) -> Iterator[View]
         yield View(second, name, not there)
 
 
-def slipping_reason(table: LineTable, scenario: Scenario | None) -> str:
-    """Why a second wing's shaft that a scenario has locked may not stay so, by the lines of the first
-    drive's torque; empty where it does, and where no friction is given that would hold it.
+def slipping_reason_of_table(table: LineTable, scenario: Scenario | None) -> str:
+    """As ``slipping_reason``, by the lines of a table, those that decay as at the start of the record."""
+    lines = [line for line in table if line.seen and line.place > 0.0]
+    size = [max(line.amplitude, line.amplitude_at_start(table.duration)) for line in lines]
+    return slipping_reason(scenario, [line.place for line in lines], np.nan_to_num(size))
+
+
+def slipping_reason(
+    scenario: Scenario | None, frequency: Sequence[float], amplitude: np.ndarray
+) -> str:
+    """Why a second wing's shaft that a scenario has locked may not stay so, by lines (k,) [Hz] of the first
+    drive's torque [N m]; empty where it does, and where no friction is given that would hold it.
     """
     other = None if scenario is None else scenario.other_wing
     if scenario is None or other is None or not scenario.second_is_locked:
@@ -238,10 +247,8 @@ def slipping_reason(table: LineTable, scenario: Scenario | None) -> str:
         return ""
     if other.friction.memory:
         return f"the state of the second wing's hinge, which friction with presliding does not lock ({key}: held)"
-    lines = [line for line in table if line.seen and line.place > 0.0]
-    size = [max(line.amplitude, line.amplitude_at_start(table.duration)) for line in lines]
-    at = np.array([line.place for line in lines])
-    torque = float(np.sum(np.nan_to_num(size) * torque_at_locked_hinge(scenario, at)))
+    at_hinge = torque_at_locked_hinge(scenario, np.array(frequency, dtype=float))
+    torque = float(np.sum(amplitude * at_hinge))
     if torque <= holds:
         return ""
     return (

@@ -183,4 +183,4 @@ def _causes(other: Scenario, *, steps: bool) -> str:
         found.append("backlash")
     if not steps and other.motor.detent_stiffness > 0.0:
         found.append("detent torque")
-    return ", ".join(found) or "its motor's currents"
+    return " or ".join(found) or "currents of its motor"

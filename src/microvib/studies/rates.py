@@ -22,7 +22,7 @@ from microvib.analysis.margins import (
     frequency_error_bound,
 )
 from microvib.analysis.noise import NOISE, changed_line_bounds, noise_bounds, noise_of_record
-from microvib.analysis.other_states import stirring
+from microvib.analysis.other_states import slipping_reason, stirring
 from microvib.analysis.start import (
     RecordGap,
     mode_has_decayed,
@@ -792,6 +792,7 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = F
     if isinstance(changed, RateCase):
         return changed
     first = _in_other_states(_full_case(changed, rate, microsteps, confirmed), other_hinge(changed))
+    first = _if_it_slips(first, changed)
     other = changed.driven_wing
     if other is None:
         return first
@@ -819,6 +820,15 @@ def _in_other_states(case: RateCase, hinge: OtherHinge | None) -> RateCase:
             replace(x, most=x.most * hinge.ratios(x.frequency, x.frequency)[1]) for x in unseen
         )
     return replace(case, lines=lines, hidden=tuple(hidden), unseen=unseen, hinge=hinge.gap)
+
+
+def _if_it_slips(case: RateCase, changed: Scenario) -> RateCase:
+    """A case whose lines decide nothing where a second wing's shaft that is locked may slip."""
+    at, _ = _places(case.lines)
+    why = slipping_reason(changed, at.tolist(), _amplitudes(case.lines))
+    if case.failed or not why:
+        return case
+    return replace(case, gap=RecordGap(why, turns=True, overstated=math.inf))
 
 
 def _with_ratios(lines: Sequence[RateLine], hinge: OtherHinge) -> tuple[RateLine, ...]:
@@ -964,6 +974,7 @@ def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool =
     if isinstance(changed, RateCase):
         return changed
     first = _in_other_states(_linear_case(changed, rate, microsteps), other_hinge(changed))
+    first = _if_it_slips(first, changed)
     other = changed.driven_wing
     if other is None:
         return first
