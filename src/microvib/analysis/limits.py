@@ -194,7 +194,7 @@ class Judgement:
         return f"{least:.4g} to {most:.4g} {self.unit}"
 
     def _tail(self) -> str:
-        """What the verdict rests on, and where nothing is limited."""
+        """Assumption of the verdict, and where nothing is limited."""
         assumed = f" {self.assumption}" if self.assumption else ""
         return f"{assumed}{self._beyond()}"
 

@@ -57,10 +57,10 @@ class OtherStates:
     views: tuple[View, ...]
     """By each drive whose lines the table has."""
     of_lines: Mapping[str, np.ndarray]
-    """Of each line that lasts, by its name: least and largest amplitude over its own, and what it may
+    """For each line that lasts, by its name: least and largest amplitude over its own, and what it may
     change beside by the changes of others, (3,)."""
     stirred: float
-    """What a line that is not among them may change by their changes, in the table's unit."""
+    """Change of a line that is not among them, at most, by their changes, in the table's unit."""
 
     @property
     def gap(self) -> str:
@@ -92,12 +92,12 @@ class OtherStates:
         return max(least * amplitude - stirred, 0.0)
 
     def strictest(self, line: Line, limit: float) -> float:
-        """What is allowed to a line of the run so that it is within a ``limit`` in every state."""
+        """Amplitude up to which a line of the run is within a ``limit`` in every state."""
         _, most, stirred = self._of(line)
         return max((limit - stirred) / most, _LEAST_ALLOWED * limit)
 
     def most_lenient(self, line: Line, limit: float) -> float:
-        """What a line of the run has to be above so that it is above a ``limit`` in every state."""
+        """Amplitude from which a line of the run is above a ``limit`` in every state."""
         least, _, stirred = self._of(line)
         return (limit + stirred) / least if least > 0.0 else math.inf
 

@@ -45,9 +45,9 @@ class OtherHinge:
     whose: str
     """Whose shaft it is, such as ``the second wing's``."""
     why: str
-    """What may hold the shaft otherwise than its linearised drive, in words."""
+    """Causes that may hold the shaft otherwise than its linearised drive, in words."""
     remedy: str
-    """What to do to have one state judged."""
+    """Settings by which one state is judged."""
 
     @property
     def gap(self) -> str:
@@ -173,14 +173,13 @@ def _with_currents(scenario: Scenario) -> Scenario:
 
 
 def _causes(other: Scenario, *, steps: bool) -> str:
-    """What may hold a shaft otherwise than its linearised drive."""
+    """Causes that may hold a shaft otherwise than its linearised drive."""
     reducer = other.reducer
     torque = other.friction.largest_torque + reducer.ratio * other.motor.friction.largest_torque
-    found = [f"dry friction of up to {torque:.3g} N m"] if torque > 0.0 else []
-    if reducer.hysteresis is not None and not reducer.rigid:
-        found.append("hysteresis of its gear")
-    if reducer.backlash and not reducer.rigid:
-        found.append("backlash")
-    if not steps and other.motor.detent_stiffness > 0.0:
-        found.append("detent torque")
-    return " or ".join(found) or "currents of its motor"
+    acts = {
+        f"dry friction of up to {torque:.3g} N m": torque > 0.0,
+        "hysteresis of its gear": reducer.hysteresis_torque > 0.0,
+        "backlash": bool(reducer.backlash),
+        "detent torque": other.motor.detent_stiffness > 0.0 and not steps,
+    }
+    return " or ".join(what for what, does in acts.items() if does) or "currents of its motor"

@@ -143,7 +143,7 @@ class RateLine:
     ratios: tuple[float, float] = (1.0, 1.0)
     """Least and largest amplitude over its own, over the states of the other wing's hinge."""
     stirred: float = 0.0
-    """What it may change there by the changes of others [N m]."""
+    """Change of it there, at most, by the changes of others [N m]."""
 
     @property
     def raised(self) -> float:
@@ -240,10 +240,8 @@ class RateCase:
             return PART_OF_TIME if hidden.name == _IN_PIECES else HIDDEN_LINE
         if self.gap is not None:
             return RECORD_GAP
-        if any(line.least > _allowed(line, curve) for line in _lines_within(self.lines, curve)):
-            return STEP_OF_LIMIT
-        if _exceeds(self.largest_in_states(curve), curve):
-            return OTHER_STATE
+        if why := self._above_in_some(curve):
+            return why
         if not any(np.any(one.may_exceed(curve)) for one in self.unseen_in(band, curve)):
             return ""
         if self.shown > 0.0:
@@ -256,6 +254,12 @@ class RateCase:
         lenient = curve.most_lenient(*_ranges(inside))
         least = np.array([line.least for line in inside], dtype=float)
         return bool(np.any(least > overstated * lenient))
+
+    def _above_in_some(self, curve: LimitCurve) -> str:
+        """Why a line is not certainly above a curve, and not below it either; empty without one."""
+        if any(line.least > _allowed(line, curve) for line in _lines_within(self.lines, curve)):
+            return STEP_OF_LIMIT
+        return OTHER_STATE if _exceeds(self.largest_in_states(curve), curve) else ""
 
     def largest_in_states(self, curve: LimitCurve) -> RateLine | None:
         """The line that is largest beside a curve in any state of the other wing's hinge, with its
@@ -1321,19 +1325,23 @@ def _forbidden_band(
     found = [line for line in each if line is not None]
     curve = _curve_in(limit, band)
     top = _nearest_to(found, curve)
-    if why == "failed":
-        why = cases[0].reason
-    elif why == RECORD_GAP:
-        slowest = next(case.gap for case in cases if case.gap is not None)
-        why = f"not judged: {slowest.why}"
-    elif why == OTHER_STATE:
-        why = f"{why}: {cases[0].hinge}"
-    elif why == ABOVE_PASSBAND:
+    why = _with_remedy(why, cases)
+    if why == ABOVE_PASSBAND:
         such = f", such as {top.name}" if top else ""
         why = f"{why} ({_required_sample_rate(cases, band, limit)}){such}"
     if top is None:
         return Forbidden(cases[0].microsteps, low, high, math.nan, "", why)
     return Forbidden(cases[0].microsteps, low, high, top.amplitude, top.name, why)
+
+
+def _with_remedy(why: str, cases: Sequence[RateCase]) -> str:
+    """Verdict of cases in a row with its reason, as far as they have that."""
+    if why == "failed":
+        return cases[0].reason
+    if why == RECORD_GAP:
+        slowest = next(case.gap for case in cases if case.gap is not None)
+        return f"not judged: {slowest.why}"
+    return f"{why}: {cases[0].hinge}" if why == OTHER_STATE else why
 
 
 def _required_sample_rate(
