@@ -5,6 +5,7 @@ refused.
 
 import math
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -252,6 +253,30 @@ def test_an_ensemble_is_of_units_at_their_largest(confidence: float) -> None:
     one = judged(asked, *sources)
     assert one.value == pytest.approx(wanted, rel=0.03)
     assert one.least <= wanted <= one.most <= 1.1 * wanted
+
+
+@pytest.mark.parametrize("confidence", [0.9, 0.997, 0.9999, 0.999999])
+@pytest.mark.parametrize("kind", ["random", "constant"])
+def test_the_worst_of_units_or_instants_is_not_below_the_level_of_all(
+    confidence: float, kind: str
+) -> None:
+    """At 99.99 percent three sigma passed what 3.89 sigma fail."""
+    if kind == "random":
+        source = given(random={"spread_x": 0.33, "spread_y": 0.0})
+        worst = "ensemble"
+    else:
+        source = constant("a", x=0.0, y=0.0, distribution="normal", spread_x=0.33, spread_y=0.0)
+        worst = "temporal"
+    asked = {"statistic": "level", "confidence": confidence}
+    mixed = judged({**asked, "interpretation": "mixed"}, source)
+    largest = judged({**asked, "interpretation": worst}, source)
+    bound = judged({**asked, "statistic": "bound"}, source)
+    assert mixed.value == pytest.approx(
+        0.33 * NormalDist().inv_cdf(0.5 + 0.5 * confidence), rel=2e-3
+    )
+    for one in (largest, bound):
+        assert one.value >= mixed.value * (1.0 - 2e-3)
+        assert one.most >= mixed.value * (1.0 - 2e-3)
 
 
 @pytest.mark.parametrize("confidence", [0.68, 0.95])

@@ -502,3 +502,14 @@ def test_a_limit_whose_unit_is_a_slip_is_refused():
         mv.OptionError, match=r"limit: 1\.5e\+07 N\*m is not allowed; at most 100000 N\*m"
     ):
         mv.Limit("15 MN*m")
+
+
+@pytest.mark.parametrize("heading", ["t_MNm", "T_MNm", "T [MN m]", "Mz [MN m]", "Fx [MN]"])
+def test_a_curve_in_mega_is_refused_as_one_number_is(heading):
+    with pytest.raises(mv.OptionError, match=r"4e\+07 N.* is not allowed; at most 100000 N"):
+        limit_from_text(f"frequency_hz,{heading}\n0.5,40\n400,40\n")
+
+
+def test_a_number_has_no_underscores():
+    with pytest.raises(mv.OptionError, match="'4_0' is not a number"):
+        limit_from_text("frequency_hz,t_mnm\n0.5,4_0\n400,40\n")

@@ -11,6 +11,7 @@ from support.scenarios import heavy_scenario, limit_of
 
 import microvib as mv
 from microvib.analysis.limits import Judgement, judge, transient_warnings
+from microvib.analysis.lines import expected_in, simulated_lines
 from microvib.analysis.start import not_moving_reason
 from microvib.analysis.stream import lines_of_stream
 from microvib.model.linear import sliding_growth
@@ -555,6 +556,31 @@ def test_a_drive_that_cannot_slide_evenly_passes_nothing_before_its_modes_are_at
     assert "stick-slip that may come in bursts, longer than the record" in str(judged)
     long = replace(quiet, samples=20 * quiet.samples)
     assert judge(long, limit_of(1.0, 0.5, 100.0), settled).verdict == "pass"
+
+
+@pytest.mark.parametrize("loud_from", [0.1, 0.45])
+def test_bursts_of_stick_slip_pass_no_limit_that_one_of_them_exceeds(state_1, loud_from):
+    """A drive that bursts to 583 mN m for a while passed 250 by the amplitude over its record."""
+    rate, duration = 256.0, 400.0
+    drive = state_1.with_(
+        GROWING
+        | {
+            "record.settle": "400 s",
+            "record.duration": f"{duration} s",
+            "record.sample_rate": f"{rate} Hz",
+        }
+    )
+    t = np.arange(round(rate * duration)) / rate
+    mode = drive.array.modes[0].frequency
+    loud = (t > loud_from * duration) & (t < (loud_from + 0.15) * duration)
+    noise = 1e-4 * np.random.default_rng(2).standard_normal(t.size)
+    expected = expected_in(drive, rate, 8)
+    for burst, verdict in ((loud, "not judged"), (np.full(t.size, 0.2), "pass")):
+        x = 0.5 * burst * np.sin(2.0 * np.pi * mode * t) + noise
+        table = simulated_lines(x, rate, drive, expected)
+        judged = judge(table, limit_of(0.25, 0.5, 30.0), drive)
+        assert judged.verdict == verdict, judged
+        assert ("stick-slip" in str(judged)) == (verdict == "not judged")
 
 
 def test_friction_slope_is_that_of_its_torque(state_1):

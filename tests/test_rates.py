@@ -128,6 +128,47 @@ def test_a_best_rate_at_the_end_of_the_range_is_flagged(plan):
     assert "this is the end of the range" in best_text(end)
 
 
+FULL_STEPS_ALONE = {
+    "tracking.clock_ratio": 1.0,
+    "driver.microsteps": 1,
+    "reducer.stiffness": "5700 N*m/rad",
+    "array.rigid_inertia": None,
+    "array.modes": [
+        {"frequency": "1.2 Hz", "damping": "1 percent", "effective_inertia": "7.9 kg*m^2"},
+        {"frequency": "31 Hz", "damping": "0.03 percent", "effective_inertia": "0.004 kg*m^2"},
+    ],
+}
+"""State 1 in full steps, with a second mode that the tenth driving line meets at 0.0562 deg/s."""
+
+
+@pytest.fixture(scope="module")
+def plan_of_full_steps(state_1):
+    return plan_rates(
+        state_1.with_(FULL_STEPS_ALONE),
+        rate_grid("0.0535 deg/s", "0.05667 deg/s", 2),
+        limit="120 mN*m",
+        keep_away=0.02,
+    )
+
+
+def test_a_line_beyond_the_eighth_order_is_looked_at_where_it_meets_a_mode(plan_of_full_steps):
+    """A best rate was 0.9 % away from a line five times the limit."""
+    plan = plan_of_full_steps
+    [met] = [x for x in plan.resonances if x.mode == "array_mode_2"]
+    assert met.line == "drive_10"
+    assert met.amplitude > 4.0 * 0.12
+    assert met.frequency == pytest.approx(31.0, rel=3e-3)
+    best, _ = plan.best()
+    assert abs(best.rate / met.rate - 1.0) >= 0.02
+    assert any(band.line == "drive_10" and band.why == ABOVE_LIMIT for band in plan.forbidden)
+
+
+def test_lines_of_the_clock_are_called_by_their_orders(plan_of_full_steps):
+    names = {line.name for case in plan_of_full_steps.cases for line in case.lines}
+    assert {"drive_9", "drive_10", "drive_11"} <= names
+    assert not any(name.startswith("other") for name in names)
+
+
 def test_how_cases_were_found_is_counted(plan):
     some = [replace(case, reason="why") if k < 3 else case for k, case in enumerate(plan.cases)]
     some[3] = replace(some[3], lines=(), reason="lost")

@@ -12,6 +12,7 @@ from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.limits import judge
+from microvib.analysis.lines import simulated_lines
 from microvib.analysis.start import full_step_time
 from microvib.analysis.stream import lines_of_stream
 from microvib.cli.main import main
@@ -148,6 +149,30 @@ def test_blocks_of_a_long_record_resolve_no_more_than_one_of_them(state_1, monke
     short = state_1.with_si({"record.sample_rate": 256.0, "record.duration": 16.0})
     table = lines_of_stream(short, 3)[0]
     assert table.rest.resolution == pytest.approx(SEPARATION / 4.0)
+
+
+@pytest.mark.parametrize("varies", [True, False])
+def test_a_line_that_is_louder_in_a_block_counts_with_what_it_has_there(
+    state_1, monkeypatch, varies
+):
+    """A limit between a line's mean over blocks and its loudest block passed it."""
+    louder = iter([1.0, 1.5, 1.0, 1.0])
+    monkeypatch.setattr("microvib.analysis.stream.BLOCK_SAMPLES", 4096)
+    monkeypatch.setattr(
+        "microvib.analysis.stream.simulated_lines",
+        lambda x, *others: simulated_lines(next(louder) * x, *others),
+    )
+    slow = state_1.with_si({"record.sample_rate": 256.0, "record.duration": 64.0})
+    if varies:
+        slow = slow.with_si({"friction.position.harmonics": [{"order": 83, "amplitude": 0.01}]})
+    table = lines_of_stream(slow, 3)[0]
+    line = table["drive_1"]
+    near = np.abs(table.rest.frequency - line.place) < 0.5
+    loudest = table.rest.factor * np.max(table.rest.amplitude[near], initial=0.0)
+    if varies:
+        assert loudest == pytest.approx(1.5 / 1.125 * line.amplitude, rel=0.01)
+    else:
+        assert loudest < line.amplitude
 
 
 def test_a_run_that_is_read_again_knows_its_resolution(tmp_path):

@@ -305,7 +305,7 @@ def test_nothing_comes_and_goes_in_steady_tones_nor_in_noise():
     noise = np.random.default_rng(1).standard_normal(t.size)
     bins = HannSpectrum.of(noise, fs).magnitude
     floor = np.array([1.0, 128.0]), np.full(2, float(np.median(bins)))
-    assert not intermittent_peaks(noise, fs, (), cycle, 1.0, floor)[0].size
+    assert not intermittent_peaks(noise, fs, (), cycle, 1.0, noise=floor)[0].size
 
 
 def test_a_plan_records_two_cycles_where_that_takes_little(of_gear):

@@ -40,7 +40,7 @@ from microvib.model.driven import (
 )
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.line_names import UNLISTED, LineName, driving_line
-from microvib.model.linear import coupled_modes
+from microvib.model.linear import coupled_modes, sliding_growth
 from microvib.model.record import PASSBAND, Start
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import (
@@ -53,7 +53,7 @@ from microvib.model.scenario import (
 from microvib.model.slow_variations import slow_variations
 from microvib.signals.clock import near_mains, search_wide_clock_ratio
 from microvib.signals.fourier_lines import lines_of_series, order_of
-from microvib.signals.intermittent import intermittent_peaks, peaks_of_period
+from microvib.signals.intermittent import LOUDER, intermittent_peaks, peaks_of_period
 from microvib.signals.line_fit import (
     NOT_SEPARABLE,
     SEPARATION,
@@ -375,24 +375,28 @@ _NEGLIGIBLE_LINE = 1e-3
 
 def _with_intermittent_peaks(table: LineTable, x: np.ndarray, scenario: Scenario) -> LineTable:
     """Lines of samples ``x`` (n,), among whose residual peaks are those of a part of the time, where
-    something changes the drive slowly.
+    something changes the drive slowly, or stick-slip comes in bursts.
 
     Those are amplitudes of lines, and so count without the factor on what no line is fitted to.
     """
     varies, rest = slow_variations(scenario), table.rest
-    if not varies or rest is None or rest.floor is None:
+    bursts = sliding_growth(scenario) > 0.0
+    if not (varies or bursts) or rest is None or rest.floor is None:
         return table
     seen = [one.cycle for one in varies if one.cycle <= table.duration]
     noise = (rest.frequency, rest.floor) if noise_bands(scenario) and rest.frequency.size else None
     least = _NEGLIGIBLE_LINE * table.largest
     named = (line for line in table if line.kind != "other" and line.seen)
+    # Modes that stick-slip stirs have no amplitude that is theirs at all times.
+    steady = (line for line in named if not (bursts and line.is_mode))
     frequency, amplitude = intermittent_peaks(
         x,
         table.sample_rate,
-        [line for line in named if line.amplitude > least],
-        max(seen, default=table.duration),
+        [line for line in steady if line.amplitude > least],
+        2.0 * table.duration if bursts else max(seen, default=table.duration),
         _FULL_STEPS_RESOLVED * full_step_time(scenario),
-        noise,
+        noise=noise,
+        louder=0.0 if bursts else LOUDER,  # of a long record, this may be a block that is all loud
     )
     if not frequency.size:
         return table
@@ -404,7 +408,7 @@ def _with_peaks_of_pieces(table: LineTable, series: np.ndarray, state: SteadySta
     something changes the drive slowly within it.
     """
     scenario = state.scenario
-    if not slow_variations(scenario):
+    if not slow_variations(scenario) and sliding_growth(scenario) == 0.0:
         return table
     comb = _orders_of_electrical_period(state)
     if comb <= 1:
@@ -427,9 +431,13 @@ def _orders_of_electrical_period(state: SteadyState) -> int:
 
 
 def intermittency_cause(scenario: Scenario | None) -> str:
-    """Key of what changes the drive slowest; empty where nothing does."""
+    """Key of what changes the drive slowest, or the stick-slip that may come in bursts; empty where
+    nothing does.
+    """
     if scenario is None:
         return ""
+    if sliding_growth(scenario) > 0.0:
+        return "stick-slip"
     return next((one.what for one in slow_variations(scenario)), "")
 
 

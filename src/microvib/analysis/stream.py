@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.accuracy import add_error_estimate, error_of_motion, with_integration_error
-from microvib.analysis.lines import expected_in, simulated_lines
+from microvib.analysis.lines import expected_in, intermittency_cause, simulated_lines
 from microvib.model.scenario import Scenario
+from microvib.signals.intermittent import LOUDER_THAN_LINES
 from microvib.signals.line_table import Line, LineTable, ResidualPeaks
 from microvib.solve.integration import Progress, Simulation
 from microvib.solve.motion import Invariants, Motion
@@ -32,8 +33,9 @@ def lines_of_stream(
     squared over the blocks in which the line is seen; phase and its uncertainty are those of the
     first block, the status that of the loudest. The nearest-bin figure is that of the whole record,
     summed up exactly as it streams by. Unexpected lines are those of the first block, means over
-    the blocks that have them; those of other blocks count as what is left. The integration's error
-    is that of the first block.
+    the blocks that have them; those of other blocks count as what is left, and so do lines that are
+    louder in a block than on average, where something changes the drive slowly. The integration's
+    error is that of the first block.
     """
     samples, rate = scenario.record.samples, scenario.record.sample_rate
     blocks = max(-(-samples // BLOCK_SAMPLES), 1)
@@ -60,6 +62,8 @@ def lines_of_stream(
         table = tables[0]
     else:
         table = _mean(tables, bins)
+        if intermittency_cause(scenario):
+            table = _with_loudest_blocks(table, tables)
     t = scenario.record.settle + np.arange(begun.size) / rate
     motion = Motion(scenario, t, {"T_d": begun}, run.invariants, run.solver, run.beginning)
     error = error_of_motion(motion, table)
@@ -129,6 +133,24 @@ def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable
         samples=sum(table.samples for table in tables),
         rest=_rest_of_blocks(tables),
     )
+
+
+def _with_loudest_blocks(table: LineTable, tables: list[LineTable]) -> LineTable:
+    """Lines of all blocks, with peaks of those that are louder in one than on average."""
+    rest = table.rest
+    if rest is None:
+        return table
+    frequency, amplitude = [], []
+    for line in table:
+        in_blocks = (_matching_line(one, line) for one in tables)
+        loudest = max((x.amplitude for x in in_blocks if x is not None and x.seen), default=0.0)
+        if loudest > LOUDER_THAN_LINES * line.amplitude:
+            frequency.append(line.place)
+            amplitude.append(loudest)
+    if not frequency:
+        return table
+    peaks = rest.with_peaks(np.array(frequency), np.array(amplitude) / rest.factor)
+    return replace(table, rest=peaks)
 
 
 def _mean_line(blocks: list[Line]) -> Line:

@@ -258,6 +258,8 @@ def parse_finite(where: str, text: str | None, kind: type[MicrovibError] = Micro
     finite.
     """
     try:
+        if "_" in (text or ""):  # which Python takes between digits
+            raise ValueError
         value = float(text or "")
     except ValueError:
         raise kind(f"{where} '{str(text)[:60]}' is not a number") from None

@@ -17,7 +17,7 @@ Kind = Literal["normal", "uniform", "arcsine"]
 _VARIANCE: dict[Kind, float] = {"normal": 1.0, "uniform": 1.0 / 3.0, "arcsine": 0.5}
 """Variance of a deviation of size 1."""
 SIGMAS = 3.0
-"""Standard deviations of a normal deviation that a bound counts, as of noise."""
+"""Standard deviations of a normal deviation that a bound counts at least, as of noise."""
 _REACH = 8.0
 """Standard deviations within which a normal deviation is for all that is computed."""
 _NODES = 6
@@ -129,10 +129,9 @@ class ErrorRows:
         spread = sum((x.variance for x in self.deviations), np.zeros(1))
         return np.asarray(mean**2 + spread + sum(ramp.variance for ramp in self.ramps))
 
-    def crest(self, noise: np.ndarray | float = 0.0) -> np.ndarray:
+    def crest(self, noise: np.ndarray | float = 0.0, sigmas: float = SIGMAS) -> np.ndarray:
         """The most that they make together with noise of mean squares [rad^2], of all rows or of each
-        (n,), (n,) [rad]: all at
-        their largest, and SIGMAS standard deviations of what is normal.
+        (n,), (n,) [rad]: all at their largest, and so many standard deviations of what is normal.
         """
         normal = sum((x.variance for x in self.deviations if x.kind == "normal"), np.zeros(1))
         others = sum((x.size for x in self.deviations if x.kind != "normal"), np.zeros(1))
@@ -145,7 +144,7 @@ class ErrorRows:
                 else:
                     loose = loose + one.size
         largest = np.maximum(np.abs(low), np.abs(high))
-        return np.asarray(largest + loose + SIGMAS * np.sqrt(normal + noise))
+        return np.asarray(largest + loose + sigmas * np.sqrt(normal + noise))
 
     def transform(self, at: np.ndarray) -> np.ndarray:
         """Characteristic function at ``at`` (m,) [1/rad], evenly spaced from their spacing up, (n,

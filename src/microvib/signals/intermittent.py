@@ -29,11 +29,9 @@ _FIRST_BIN = 4
 """First bin of a piece that its mean does not reach."""
 _FINER = 2
 """Bins that are computed for one of a piece: a tone between two of them is at most 4 % larger."""
-_LOUDER = 1.3
-"""Times its RMS over all pieces that a bin without a line about it must have in one to count: what is
-steady has it once.
-"""
-_LOUDER_THAN_LINES = 1.02
+LOUDER = 1.3
+"""What is louder in a piece than on average has so many times its RMS over all pieces."""
+LOUDER_THAN_LINES = 1.02
 """Times the largest line about it that a bin must have in a piece to count."""
 _REACH = 2
 """Bins of a piece on either side within which a line is about it."""
@@ -48,13 +46,15 @@ _OVER_NOISE = 6.0
 """Times the floor that a bin of a piece must have where noise makes one."""
 
 
-def intermittent_peaks(
+def intermittent_peaks(  # noqa: PLR0913 - keyword options
     x: np.ndarray,
     sample_rate: float,
     lines: Iterable[Line],
     cycle: float,
     shortest: float,
+    *,
     noise: tuple[np.ndarray, np.ndarray] | None = None,
+    louder: float = LOUDER,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies [Hz] and amplitudes of what is louder in a piece of a record than on average, with the
     lines that are there at all times, which it may be a swelling of.
@@ -73,6 +73,9 @@ def intermittent_peaks(
         Time [s] below which pieces do not tell the drive's own lines apart.
     noise : tuple of ndarray, optional
         Frequencies (m,) [Hz] and amplitudes (m,) that noise makes in bins of the whole record.
+    louder : float
+        Times its RMS over all pieces that a bin without a line about it must have in one to count: what
+        is steady has it once.
     """
     duration = x.size / sample_rate
     known = [line for line in lines if math.isfinite(line.amplitude)]
@@ -90,7 +93,7 @@ def intermittent_peaks(
         at = np.arange(largest.size) / (_FINER * length)
         about = _largest_about(_sizes_of(tones, turns, size), _FINER * _REACH)
         counts = np.where(
-            about > 0.0, with_lines > _LOUDER_THAN_LINES * about, largest > _LOUDER * mean
+            about > 0.0, with_lines > LOUDER_THAN_LINES * about, largest > louder * mean
         )
         if noise is not None:
             counts &= largest > _OVER_NOISE * math.sqrt(duration / length) * np.interp(at, *noise)
@@ -134,7 +137,7 @@ def peaks_of_period(
         orders = np.arange(largest.size) * size / (_FINER * length)
         about = _largest_about(sizes, math.ceil(_REACH * size / length))
         known = about[np.minimum(np.round(orders).astype(int), sizes.size - 1)]
-        counts = (largest > _LOUDER_THAN_LINES * known) & (largest > least)
+        counts = (largest > LOUDER_THAN_LINES * known) & (largest > least)
         counts &= (orders >= _FIRST_BIN * size / length) & (orders < sizes.size)
         frequency.append(orders[counts] * base)
         amplitude.append(largest[counts])

@@ -283,8 +283,10 @@ def _check_frequencies(frequency: Sequence[float]) -> None:
         )
 
 
-_LARGEST_TORQUE = 1e5
-"""Limit [N m] above which its unit is taken for a slip: no drive of an array makes as much."""
+_LARGEST = 1e5
+"""Limit [N m], or [N] of a force, above which its unit is taken for a slip: no drive of an array makes as
+much.
+"""
 
 
 @dataclass(frozen=True, init=False)
@@ -333,15 +335,19 @@ class Limit:
         high: GivenQuantity = EVERYWHERE[1],
     ) -> None:
         most = quantity("torque", torque, "N*m", positive=True)
-        if most > _LARGEST_TORQUE:
-            raise OptionError(
-                "limit",
-                f"{most:g} N*m is not allowed; at most {_LARGEST_TORQUE:g} N*m is expected (m is"
-                " milli, M is mega)",
-            )
         self._set(LimitCurve.flat(most, *band((low, high))), {}, "")
 
     def _set(self, curve: LimitCurve | None, loads: Mapping[str, LimitCurve], source: str) -> None:
+        given = {"torque": curve, **loads}
+        for name, one in given.items():
+            most = 0.0 if one is None else one.most
+            if _LARGEST < most < math.inf:
+                unit = "N" if name.startswith("F") else "N*m"
+                raise OptionError(
+                    "limit",
+                    f"{most:g} {unit} is not allowed; at most {_LARGEST:g} {unit} is expected (m is"
+                    " milli, M is mega)",
+                )
         object.__setattr__(self, "curve", curve)
         object.__setattr__(self, "loads", dict(loads))
         object.__setattr__(self, "source", source)

@@ -51,7 +51,14 @@ from microvib.model.line_names import (
     full_step_line,
     of_second_wing,
 )
-from microvib.model.linear import CoupledMode, LinearLine, coupled_modes, linear_lines
+from microvib.model.linear import (
+    CoupledMode,
+    LinearLine,
+    coupled_modes,
+    disturbance_torque_response,
+    linear_lines,
+    matrices,
+)
 from microvib.model.other_hinge import OtherHinge, other_hinge
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
@@ -87,6 +94,10 @@ MAX_RESONANCE_DAMPING = 0.2
 FULL_STEPS = 4
 """Full steps of the motor that a plan records at least where there is no steady state, if that is
 affordable."""
+_SAME_RATE, _SAME_LINE = 1e-5, 1e-3
+"""Parts by which rates differ that are one, and frequencies of what is one line."""
+_EXACT_ORDER = 1e-6
+"""Part by which the order of a steady state's line differs at most from the whole number that it is."""
 REFINEMENTS = 4
 """Halvings of the step between two rates where a line comes near the limit."""
 REFINED_NEAR = 3.0
@@ -601,13 +612,22 @@ def plan_rates(  # noqa: PLR0913 - keyword options
 
         wanted, beyond = _wanted_cases(grid, counts, crossings)
         found = _solved_cases(wanted | beyond, within, solve)
+        swept: list[_SweptMode] = []
+        if not linear and (most is not None or keep_away > 0.0):
+            swept = list(_swept_modes(scenario, found.values(), most, within))
+            at_modes = {(rate, x.microsteps) for x in swept for rate in x.rates}
+            found |= _solved_cases(at_modes - set(found), within, solve)
+            wanted |= {key for key in at_modes if min(grid) <= key[0] <= max(grid)}
         if most is not None and not linear:
             wanted |= _refine(found, wanted, (most, within), solve)
         rows = [[found[key] for key in sorted(wanted) if key[1] == count] for count in counts]
         forbidden = []
         if most is not None:
             forbidden = [b for row in rows for b in _forbidden(row, most, within, solve)]
-    resonances = _resonances(crossings, found)
+    resonances = (
+        *_resonances(crossings, found),
+        *_swept_resonances(swept, found, most, within),
+    )
     if keep_away > 0.0:
         forbidden += [_too_near(resonance, keep_away) for resonance in resonances]
     return RatePlan(
@@ -677,11 +697,9 @@ def _wanted_cases(
     resonances in its range; and those about resonances just beyond.
     """
     wanted = {(float(rate), count) for count in counts for rate in grid}
-    beyond = set[tuple[float, int]]()
-    for resonance, examined in crossings:
-        kept = wanted if min(grid) <= resonance.rate <= max(grid) else beyond
-        kept |= {(rate, resonance.microsteps) for rate in examined}
-    return wanted, beyond
+    at_modes = {(rate, x.resonance.microsteps) for x in crossings for rate in x.rates}
+    inside = {key for key in at_modes if min(grid) <= key[0] <= max(grid)}
+    return wanted | inside, at_modes - inside
 
 
 def _refine(
@@ -722,6 +740,140 @@ def _part(case: RateCase, band: tuple[float, float], limit: float | LimitCurve) 
     curve = _curve_in(limit, band)
     line = case.largest_in_states(curve)
     return 0.0 if line is None else line.amplitude / _allowed(line, curve)
+
+
+class _SweptMode(NamedTuple):
+    """A mode that a line of the plan's cases passes between two of their rates."""
+
+    microsteps: int
+    order: float
+    """Frequency of the line over the rate [Hz s/rad]."""
+    mode: CoupledMode
+    rates: list[float]
+    """At which the plan looks."""
+
+
+def _swept_modes(
+    scenario: Scenario,
+    cases: Iterable[RateCase],
+    limit: float | LimitCurve | None,
+    band: tuple[float, float],
+) -> Iterator[_SweptMode]:
+    """Modes that lines of any order pass between two rates, where a line may come near the limit.
+
+    How large a line is on the mode follows from what it is at the neighbouring rate and from the
+    linearised drive's response at both frequencies.
+    """
+    modes, on_modes = _modes_and_responses(scenario)
+    ordered = sorted(cases, key=lambda case: (case.microsteps, case.rate))
+    expected = {id(case): _Expected.of(case, scenario) for case in ordered}
+    seen = set[tuple[int, str, float]]()
+    for a, b in pairwise(ordered):
+        if a.microsteps != b.microsteps:
+            continue
+        for case in (a, b):
+            for mode, response in zip(modes, on_modes.tolist(), strict=True):
+                for line in expected[id(case)].passing(mode, response, (a.rate, b.rate)):
+                    order = line.frequency / case.rate
+                    at_mode = replace(line, frequency=mode.frequency)
+                    key = (a.microsteps, mode.name, round(math.log(order), 6))
+                    if key in seen or not _may_matter(at_mode, case, limit, band):
+                        continue
+                    seen.add(key)
+                    examined = _rates_to_examine(mode.frequency / order, mode)
+                    yield _SweptMode(a.microsteps, order, mode, examined)
+
+
+def _modes_and_responses(scenario: Scenario) -> tuple[list[CoupledMode], np.ndarray]:
+    """Modes that may resonate in any state of another wing's hinge, and T_d by a torque of 1 on the rotor at
+    each, (m,).
+    """
+    known, hinge = coupled_modes(scenario), other_hinge(scenario)
+    modes = [mode for mode in (*known, *_modes_of_hinge(hinge, known)) if _may_resonate(mode)]
+    at = np.array([mode.frequency for mode in modes])
+    raised = np.ones(at.size) if hinge is None else hinge.ratios(at, at)[1]
+    return modes, raised * (_responses(scenario, at) if modes else 1.0)
+
+
+class _Expected(NamedTuple):
+    """Lines of a case with what they have over the linearised drive's response."""
+
+    rate: float
+    lines: list[RateLine]
+    per_hertz: np.ndarray
+    """Rate over the frequency of each, (n,)."""
+    pull: np.ndarray
+    """Torque on the rotor that would make each by the linearised drive [N m], (n,)."""
+
+    @classmethod
+    def of(cls, case: RateCase, scenario: Scenario) -> _Expected:
+        """Take a case's lines; what the floor of a run in time hides is none."""
+        lines = [*case.lines, *(() if case.reason else case.hidden)]
+        f = np.array([line.frequency for line in lines])
+        amplitude = np.array([line.amplitude for line in lines])
+        return cls(case.rate, lines, case.rate / f, amplitude / _responses(scenario, f))
+
+    def passing(
+        self, mode: CoupledMode, response: float, rates: tuple[float, float]
+    ) -> Iterator[RateLine]:
+        """Those that meet a mode between two rates [rad/s], each with the amplitude that is expected
+        where the drive has this ``response``."""
+        low, high = rates[0] * (1.0 + _SAME_RATE), rates[1] * (1.0 - _SAME_RATE)
+        met = self.per_hertz[:, None] * np.array(_rates_to_examine(mode.frequency, mode))
+        for k in np.flatnonzero(np.any((met > low) & (met < high), axis=1)).tolist():
+            yield replace(self.lines[k], amplitude=float(self.pull[k]) * response)
+
+
+def _responses(scenario: Scenario, frequency: Sequence[float] | np.ndarray) -> np.ndarray:
+    """T_d by a torque of 1 on the rotor, by the linearised drive, at each ``frequency`` (m,) [Hz]."""
+    of_rotor = np.eye(matrices(scenario)[0].shape[0])[0]
+    return disturbance_torque_response(scenario, np.asarray(frequency, dtype=float), of_rotor)
+
+
+def _may_matter(
+    line: RateLine, case: RateCase, limit: float | LimitCurve | None, band: tuple[float, float]
+) -> bool:
+    """Whether a line that is expected comes near the limit, or without one near the largest of its case."""
+    curve = _curve_in(limit, band)
+    if not _lines_within([line], curve):
+        return False
+    if limit is None:
+        largest = case.largest(band)
+        most = 0.0 if largest is None else largest.amplitude
+    else:
+        most = _allowed(line, curve)
+    return line.amplitude * REFINED_NEAR > most
+
+
+def _swept_resonances(
+    swept: Iterable[_SweptMode],
+    found: dict[tuple[float, int], RateCase],
+    limit: float | LimitCurve | None,
+    band: tuple[float, float],
+) -> Iterator[Resonance]:
+    """The modes swept on which the line does come near the limit, at the strongest of their rates."""
+    for one in swept:
+        cases = [found[rate, one.microsteps] for rate in one.rates]
+        there = [
+            (line, case)
+            for case in cases
+            for line in case.lines
+            if abs(line.frequency / (one.order * case.rate) - 1.0) < _SAME_LINE
+        ]
+        if not there:
+            continue
+        line, case = max(there, key=lambda item: item[0].raised)
+        if _may_matter(replace(line, amplitude=line.raised), case, limit, band):
+            f = one.mode.frequency
+            yield Resonance(
+                one.microsteps,
+                case.rate,
+                line.frequency,
+                line.raised,
+                line.name,
+                one.mode.name,
+                f,
+            )
 
 
 def _may_resonate(mode: CoupledMode) -> bool:
@@ -866,10 +1018,14 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
         x for x in result.lines if not x.is_mode and x.status != BELOW_FLOOR and x.amplitude > 0.0
     ]
     shown = PASSBAND * result.lines.sample_rate
+    lines = _without_rounding(seen, changed.driving_frequency or math.nan)
+    if not result.fallback:
+        full_step = changed.motor.full_steps / (changed.driver.beats * changed.driver.microsteps)
+        lines = tuple(_named_by_order(line, full_step) for line in lines)
     return RateCase(
         rate,
         microsteps,
-        _without_rounding(seen, changed.driving_frequency or math.nan),
+        lines,
         result.fallback,
         (*_hidden(changed, result, seen), *_noise_bounds(changed, result.lines)),
         confirmed and not result.fallback,
@@ -889,6 +1045,20 @@ def _without_rounding(seen: Sequence[Line], driving_frequency: float) -> tuple[R
         for x in seen
         if x.amplitude >= MIN_LINE_RATIO * top
     )
+
+
+def _named_by_order(line: RateLine, full_step_order: float) -> RateLine:
+    """A line of a steady state without a name, called by its order where that is one of the step clock's."""
+    if line.kind != "other":
+        return line
+    for unit, kind, name in (
+        (1.0, "drive", driving_line),
+        (full_step_order, "full step", full_step_line),
+    ):
+        k = round(line.order / unit)
+        if k and abs(line.order - k * unit) < _EXACT_ORDER * line.order:
+            return replace(line, name=name(k), kind=kind)
+    return line
 
 
 def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator[RateLine]:
@@ -1160,9 +1330,10 @@ def _crossings_of_drive(
     for mode in filter(_may_resonate, modes):
         for line, order in orders:
             rate, f = mode.frequency / (order * per_rate), mode.frequency
-            if low <= rate <= high:
+            examined = _rates_to_examine(rate, mode)
+            if any(low <= one <= high for one in examined):
                 met = Resonance(microsteps, rate, f, math.nan, f"{prefix}{line}", mode.name, f)
-                yield _Crossing(met, _rates_to_examine(rate, mode))
+                yield _Crossing(met, examined)
     yield from _parametric_crossings(drive, microsteps, span, prefix)
 
 

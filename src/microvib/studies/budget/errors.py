@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microvib.signals.error_rows import SIGMAS, Deviation, ErrorRows, Kind, Ramp
+from microvib.signals.error_rows import Deviation, ErrorRows, Kind, Ramp
 from microvib.signals.pointing import (
     Metric,
     mean_square_of_density,
@@ -92,9 +92,9 @@ class _Group:
             return None
         return Deviation(self.kind, np.asarray(size))
 
-    def largest(self, axis: int) -> float:
-        """The most that the spread makes about an axis, of a normal one SIGMAS standard deviations."""
-        return float(self.size[axis]) * (SIGMAS if self.kind == "normal" else 1.0)
+    def largest(self, axis: int, sigmas: float) -> float:
+        """The most that the spread makes about an axis, of a normal one so many standard deviations."""
+        return float(self.size[axis]) * (sigmas if self.kind == "normal" else 1.0)
 
 
 class Unit(NamedTuple):
@@ -105,10 +105,12 @@ class Unit(NamedTuple):
     constants: float
     drifts: float
 
-    def of(self, group: _Group, axis: int) -> float:
-        """Deviation of a group in it [rad], of drifts [rad/s]."""
+    def of(self, group: _Group, axis: int, sigmas: float) -> float:
+        """Deviation of a group in it [rad], of drifts [rad/s]; of a normal one so many standard
+        deviations.
+        """
         part = self.drifts if isinstance(group.error, DriftError) else self.constants
-        return part * group.largest(axis)
+        return part * group.largest(axis, sigmas)
 
 
 CORNERS = (Unit(0.0, 0.0), *(Unit(a, b) for a in (1.0, -1.0) for b in (1.0, -1.0)))
@@ -169,10 +171,11 @@ class ErrorSum:
                     deviations += _random_deviation(r, one, axis, instants)
             elif isinstance(one.error, DriftError) and r.metric in _WHOLE:
                 duration = one.error.duration or 0.0
-                ramps[duration] = _added(ramps.get(duration, Ramp(0.0)), one, axis, unit)
+                own = _own(unit, one, axis, r)
+                ramps[duration] = _added(ramps.get(duration, Ramp(0.0)), one, axis, unit, own)
             else:
                 factor = _factor(r, one.error, instants)
-                mean = mean + factor * (one.mean[axis] + _own(unit, one, axis))
+                mean = mean + factor * (one.mean[axis] + _own(unit, one, axis, r))
                 if unit is None and (spread := one.deviation(axis, factor)) is not None:
                     deviations.append(spread)
         return ErrorRows(mean, tuple(deviations), tuple(x for x in ramps.values() if x.reach))
@@ -186,7 +189,7 @@ class ErrorSum:
                 factor = np.full(1, one.error.duration or 0.0)
             else:
                 factor = np.abs(_factor(r, one.error, instants))
-            found = found + factor * one.largest(axis) * (one.kind is not None)
+            found = found + factor * one.largest(axis, r.sigmas) * (one.kind is not None)
         return found
 
     def ends(self, r: Requirement, axis: int) -> list[ErrorRows]:
@@ -358,16 +361,18 @@ def _factor(r: Requirement, error: ErrorClass, instants: np.ndarray) -> np.ndarr
     return 0.5 * (r.window or 0.0) * instants
 
 
-def _own(unit: Unit | None, one: _Group, axis: int) -> float:
+def _own(unit: Unit | None, one: _Group, axis: int, r: Requirement) -> float:
     """Deviation of a group in a unit; 0 where it is any."""
-    return 0.0 if unit is None else unit.of(one, axis)
+    return 0.0 if unit is None else unit.of(one, axis, r.sigmas)
 
 
-def _added(ramp: Ramp, one: _Group, axis: int, unit: Unit | None) -> Ramp:
-    """A ramp with another drift of the same duration, from zero to it."""
+def _added(ramp: Ramp, one: _Group, axis: int, unit: Unit | None, own: float) -> Ramp:
+    """A ramp with another drift of the same duration, from zero to it, with its ``own`` deviation in
+    a unit.
+    """
     assert isinstance(one.error, DriftError)
     duration = one.error.duration or 0.0
-    end = duration * (float(one.mean[axis]) + _own(unit, one, axis))
+    end = duration * (float(one.mean[axis]) + own)
     spread = one.deviation(axis, np.full(1, duration)) if unit is None else None
     more = () if spread is None else (spread,)
     return Ramp(ramp.mean + end, (*ramp.deviations, *more))

@@ -144,12 +144,12 @@ def _crest(r: Requirement, moved: Moved, axis: int) -> float:
     f, sigma = moved.frequency, _noise_at_instants(r, moved.densities, axis, UNIFORM_INSTANTS)
     rows = windowed_amplitudes(r.metric, f, A, _window(r), r.apart, UNIFORM_INSTANTS)
     if not moved.errors:
-        return worst_case_angle(rows, sigma)
+        return worst_case_angle(rows, sigma, r.sigmas)
     unknown = moved.errors.unknown_crest(r, axis)
     bounded = math.isfinite(unknown)  # if not, its reason keeps a requirement from being judged
     errors = moved.errors.rows(r, axis, UNIFORM_INSTANTS, exact=bounded)
     lines = np.sum(np.abs(np.atleast_2d(rows)), axis=1)
-    return float(np.max(lines + errors.crest(sigma**2))) + (unknown if bounded else 0.0)
+    return float(np.max(lines + errors.crest(sigma**2, r.sigmas))) + (unknown if bounded else 0.0)
 
 
 def _level(r: Requirement, moved: Moved, axis: int, part: float) -> float:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from statistics import NormalDist
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, Field, ModelWrapValidatorHandler, PrivateAttr, model_validator
@@ -18,6 +19,7 @@ from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part
 from microvib.model.rigid import Direction, Position
 from microvib.model.sentences import validate_part
+from microvib.signals.error_rows import SIGMAS
 from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.pointing import Metric
 from microvib.units import Quantity, unit_of
@@ -154,6 +156,13 @@ class Requirement(Part):
         """Its curve over frequency, of angles [rad]."""
         points = [(point.frequency, point.amplitude) for point in self.curve or ()]
         return LimitCurve(*zip(*points, strict=True))
+
+    @property
+    def sigmas(self) -> float:
+        """Standard deviations of what is normal that count as its most: three, or as many as hold the
+        ``confidence`` if these are more.
+        """
+        return max(SIGMAS, NormalDist().inv_cdf(0.5 + 0.5 * self.confidence))
 
     @property
     def incomplete(self) -> str:
