@@ -193,7 +193,7 @@ def other_states(
 
 
 def stirring(amplitude: np.ndarray, ratios: np.ndarray) -> np.ndarray:
-    """What each line (k,) may change by the largest change of another, where its ``ratios`` (2, k) change it.
+    """Change of each line (k,), at most, by the largest change of another, where ``ratios`` (2, k) change it.
 
     Friction, detent torque and the motor's spring couple lines: a tenth of that change, where 6 % of it
     were seen (``tests/test_other_states.py``).
