@@ -430,6 +430,11 @@ def _drives(
         if steady:
             scenario = scenario.with_({"record.start": "steady"})
         _check_craft(name, scenario, found)
+        if scenario.second_is_locked:
+            raise MicrovibError(
+                f"{name}: spacecraft.second_wing.drive: locked is not taken by a budget, which looks at the"
+                " locked hinge beside the held one; use held"
+            )
         whole.append(scenario)
         found += _drives_of_craft(name, scenario, k)
     for drive, other_drive in _of_two_scenarios(found):

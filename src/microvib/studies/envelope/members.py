@@ -17,8 +17,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from microvib.analysis.limits import SECOND_WING, judge, judge_channel
+from microvib.analysis.limits import judge, judge_channel
 from microvib.analysis.orders import lines_without_clock
+from microvib.analysis.other_states import SECOND_WING
 from microvib.analysis.run import RunResult, lines_of_second
 from microvib.analysis.spectra import samples_of
 from microvib.errors import ChannelError, MicrovibError
