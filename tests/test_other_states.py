@@ -2,6 +2,7 @@
 sliding or locked by dry friction, and a wing that is locked outright."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -310,3 +311,36 @@ def test_the_files_of_a_plan_tell_of_other_states() -> None:
     assert told[f"drive_1 {OF_STATE.replace('second', 'other')}"] == pytest.approx(
         next(x for x in plan.cases[0].lines if x.name == "drive_1").most
     )
+
+
+def test_lines_of_two_drives_that_step_together_are_judged_by_what_the_craft_feels():
+    """A torque of 215 mN m of each drive alone passed 300 where the craft feels 466 about that axis."""
+    pair = craft(
+        math.radians(0.0219),
+        **{"friction.slip_ring": None, "spacecraft.second_wing.drive": "driven"},
+    )
+    found = mv.run_scenario(pair, start="steady")
+    felt = found.load_lines(mv.Limit.of_curves(None, {"My": LimitCurve.flat(1.0)}))
+    both = max(felt[name]["full_step_1"].amplitude for name in ("My", "My_2"))
+    alone = found.table["full_step_1"].amplitude
+    assert both > 2.0 * alone
+    between = found.judge(mv.Limit(Si(0.5 * (alone + both))))
+    assert between.verdict == "not judged"
+    [margin] = [m for m in between.margins if m.line.name == "full_step_1"]
+    told = re.search(r"up to ([\d.]+) mN m about this axis with both drives stepping", margin.why)
+    assert told
+    assert 1e-3 * float(told[1]) == pytest.approx(both, rel=0.01)
+    assert "a limit of the loads" in str(between)
+    assert found.judge(mv.Limit(Si(1.2 * both))).verdict == "pass"
+
+
+def test_rates_of_two_drives_that_step_together_are_not_judged_by_each_alone():
+    pair = craft(
+        math.radians(0.0219),
+        **{"friction.slip_ring": None, "spacecraft.second_wing.drive": "driven"},
+    )
+    case = full_case(pair, Si(math.radians(0.0219)), pair.driver.microsteps)
+    alone = max(line.amplitude for line in case.lines)
+    assert case.verdict((0.5, 2.0), 1.4 * alone) == OTHER_STATE
+    assert "both step" in case.hinge
+    assert case.verdict((0.5, 2.0), 4.0 * alone) == ""

@@ -14,6 +14,7 @@ from microvib.analysis.accuracy import (
     failed_invariants_reason,
     with_known_error,
 )
+from microvib.analysis.both_drives import AddedTorque
 from microvib.analysis.lines import clock_warnings, intermittency_cause
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
@@ -78,6 +79,10 @@ _STRONG_RINGING_EFOLDINGS = 3.0
 lines of that."""
 _MODULATION_INDEX = 0.2
 """Phase [rad] by which ringing may modulate a line, which is then smaller by 1 %."""
+_BOTH_STEP = (
+    "the torque with both drives stepping, as T_d is that of each while the other one stands (a limit of the"
+    " loads, such as a column my_nm, judges both)"
+)
 _SECOND_UNKNOWN = "the second wing's drive, whose lines are not here (leave --lines-only out)"
 
 
@@ -305,7 +310,7 @@ def judge(
         states = other_states(table, scenario)
         judged = _judge_table(table, limit, limit.curve, scenario, states=states)
         if scenario is not None and scenario.driven_wing is not None:
-            judged = _combine_drives(judged, second, scenario.driven_wing.alone)
+            judged = _combine_drives(judged, (table, second), scenario)
     of_loads = list(_judged_loads(limit, table, loads or {}, scenario))
     if slips := slipping_reason_of_table(table, scenario):
         judged, *of_loads = (_open_for(one, slips) for one in (judged, *of_loads))
@@ -630,24 +635,45 @@ def _frequency_with_bound(line: Line) -> tuple[float, float]:
     return line.place, float(frequency_error_bound(line.place, line.frequency_uncertainty))
 
 
-def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:
+def _combine_drives(
+    first: Judgement, tables: tuple[LineTable, LineTable | None], scenario: Scenario
+) -> Judgement:
     """The judgement of two drives on one craft, the second's lines called so."""
-    if table is None:
+    own, theirs = tables
+    if theirs is None:
         return replace(first, gaps=(*first.gaps, _SECOND_UNKNOWN))
-    assert first.limit.curve is not None
-    table = with_known_error(table)
-    states = other_states(table, scenario, first=False)
-    second = _judge_table(table, first.limit, first.limit.curve, scenario, states=states)
+    curve, wing = first.limit.curve, scenario.driven_wing
+    assert curve is not None
+    assert wing is not None
+    theirs = with_known_error(theirs)
+    states = other_states(theirs, wing.alone, first=False)
+    second = _judge_table(theirs, first.limit, curve, wing.alone, states=states)
+    known = len(first.gaps) + len(second.gaps)
+    first = _with_other_stepping(first, AddedTorque.of(theirs, wing.alone), own)
+    second = _with_other_stepping(second, AddedTorque.of(own, scenario), theirs)
+    if len(first.gaps) + len(second.gaps) > known:
+        first = replace(first, gaps=(_BOTH_STEP, *first.gaps))
 
     def called(line: Line) -> Line:
         return replace(line, name=of_second_wing(line.name))
 
-    theirs = (replace(m, line=called(m.line)) for m in second.margins)
-    margins = sorted([*first.margins, *theirs], key=lambda m: m.factor)
+    of_second = (replace(m, line=called(m.line)) for m in second.margins)
+    margins = sorted([*first.margins, *of_second], key=lambda m: m.factor)
     unknown = (*first.unknown, *map(called, second.unknown))
     gaps = (*first.gaps, *(f"{SECOND_DRIVE} {gap}" for gap in second.gaps))
     assumption = " ".join(filter(None, (first.assumption, second.assumption)))
     return replace(first, margins=tuple(margins), unknown=unknown, gaps=gaps, assumption=assumption)
+
+
+def _with_other_stepping(one: Judgement, added: AddedTorque, table: LineTable) -> Judgement:
+    """The judgement of a drive's lines, of which none passes or fails by what they are while the other
+    drive stands.
+    """
+    assert one.limit.curve is not None
+    margins = tuple(added.judged(margin) for margin in one.margins)
+    changed = [a.why for a, b in zip(margins, one.margins, strict=True) if a is not b]
+    told = (*changed, *added.alone(list(table), one.limit.curve))
+    return replace(one, margins=margins, gaps=(*one.gaps, *told))
 
 
 def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from microvib.analysis.margins import RINGING_FACTOR, Margin, line_range
 from microvib.analysis.unseen import OutOfBandLines
-from microvib.model.other_hinge import OtherHinge, other_hinge, torque_at_locked_hinge
+from microvib.model.other_hinge import OtherHinge, other_hinge, torque_at_other_interface
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.limit_curve import LimitCurve
@@ -247,7 +247,7 @@ def slipping_reason(
         return ""
     if other.friction.memory:
         return f"the state of the second wing's hinge, which friction with presliding does not lock ({key}: held)"
-    at_hinge = torque_at_locked_hinge(scenario, np.array(frequency, dtype=float))
+    at_hinge = torque_at_other_interface(scenario, np.array(frequency, dtype=float))
     torque = float(np.sum(amplitude * at_hinge))
     if torque <= holds:
         return ""

@@ -149,11 +149,11 @@ def other_hinge(scenario: Scenario, *, first: bool = True) -> OtherHinge | None:
     return OtherHinge(states, "the first wing's", causes, _EXCHANGED)
 
 
-def torque_at_locked_hinge(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
-    """Torque about the drive axis of a second wing that is locked, at its interface, over that about the
-    first's at each frequency (m,) [Hz], (m,).
+def torque_at_other_interface(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+    """Torque about the drive axis of the other wing, at its interface, over that about the own drive's at
+    each frequency (m,) [Hz], (m,).
 
-    By a torque on the rotor of the first drive.
+    By a torque on the rotor of the drive, while the other one stands.
     """
     wing = require_craft(scenario).spacecraft.second_wing
     assert wing is not None

@@ -59,7 +59,7 @@ from microvib.model.linear import (
     linear_lines,
     matrices,
 )
-from microvib.model.other_hinge import OtherHinge, other_hinge
+from microvib.model.other_hinge import OtherHinge, other_hinge, torque_at_other_interface
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.turning import decay_in_motion, parametric_resonances
@@ -87,6 +87,7 @@ plan looks for parametric resonance.
 """
 MOST_ELECTRICAL_ORDERS = 16
 """Largest lines of a driver's errors that a plan takes to modes, up to as many driving lines."""
+_OTHER_STANDS = "lines are those of each drive while the other one stands, and both step"
 _RAISED = 2.0
 """Times that a mode of another state of the other wing's hinge raises a line that a plan looks at."""
 MAX_RESONANCE_DAMPING = 0.2
@@ -117,9 +118,7 @@ _IN_PIECES = "a line of a part of the time"
 STEP_OF_LIMIT = (
     "not judged: a line stands where the limit changes, within what its frequency is known to"
 )
-OTHER_STATE = (
-    "not judged: a line is above the limit in one state of the other wing's hinge, not in another"
-)
+OTHER_STATE = "not judged: a line may be above the limit, or below it, by the other wing"
 RECORD_GAP = "not judged: the record does not show all lines of tracking"
 BEYOND_LINEAR_MODEL = (
     "not judged: what the linearised drive leaves out may put lines above the limit (a plan of the"
@@ -955,7 +954,11 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = F
     if other.rate == 0.0:
         return replace(first, gap=first.gap or unseen_rates_gap(other.alone))
     second = _full_case(other.alone, rate, microsteps, confirmed)
-    return _combine_drives(first, _in_other_states(second, other_hinge(other, first=False)))
+    second = _in_other_states(second, other_hinge(other, first=False))
+    return _combine_drives(
+        _with_other_stepping(first, second, other.alone),
+        _with_other_stepping(second, first, changed),
+    )
 
 
 def _in_other_states(case: RateCase, hinge: OtherHinge | None) -> RateCase:
@@ -976,6 +979,33 @@ def _in_other_states(case: RateCase, hinge: OtherHinge | None) -> RateCase:
             replace(x, most=x.most * hinge.ratios(x.frequency, x.frequency)[1]) for x in unseen
         )
     return replace(case, lines=lines, hidden=tuple(hidden), unseen=unseen, hinge=hinge.gap)
+
+
+def _with_other_stepping(case: RateCase, other: RateCase, scenario: Scenario) -> RateCase:
+    """A case of a drive with what the lines of the ``other``, whose drive the ``scenario`` is, add about its
+    axis where both step.
+    """
+    if case.failed or other.failed or not other.lines:
+        return case
+    at, _ = _places(other.lines)
+    added = _amplitudes(other.lines) * torque_at_other_interface(scenario, at)
+    f, _ = _places(case.lines)
+    same = np.abs(f[:, None] - at) <= _SAME_LINE * at
+    lines = tuple(
+        replace(line, stirred=line.stirred + float(more))
+        for line, more in zip(case.lines, same @ added, strict=True)
+    )
+    alone = [
+        replace(line, name=f"{line.name} of the other drive", amplitude=float(size))
+        for line, size, has in zip(other.lines, added, same.any(axis=0), strict=True)
+        if not has
+    ]
+    return replace(
+        case,
+        lines=lines,
+        hidden=(*case.hidden, *alone),
+        hinge="; ".join(filter(None, (case.hinge, _OTHER_STANDS))),
+    )
 
 
 def _if_it_slips(case: RateCase, changed: Scenario) -> RateCase:
@@ -1155,7 +1185,11 @@ def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool =
     if other.rate == 0.0:
         return replace(first, gap=unseen_rates_gap(other.alone))
     second = _linear_case(other.alone, rate, microsteps)
-    return _combine_drives(first, _in_other_states(second, other_hinge(other, first=False)))
+    second = _in_other_states(second, other_hinge(other, first=False))
+    return _combine_drives(
+        _with_other_stepping(first, second, other.alone),
+        _with_other_stepping(second, first, changed),
+    )
 
 
 def _linear_case(changed: Scenario, rate: Si, microsteps: int) -> RateCase:
