@@ -14,6 +14,7 @@ from support.tiers import sweep
 
 import microvib as mv
 from microvib.analysis.lines import expected_in
+from microvib.analysis.pointing import HubLines
 from microvib.io.file_access import FileAccess
 from microvib.model.scenario import Scenario
 from microvib.studies.budget.files import OtherSource, Requirement
@@ -22,11 +23,13 @@ from microvib.studies.budget.sources import (
     Contribution,
     contribution_of_recording,
     contribution_of_run,
+    with_side_lines_of_other,
 )
 from microvib.studies.budget.sums import assess
 from microvib.testdata.recording import Recording
 from microvib.units import Si
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
 AT = {"position": ["0.2 m", "-0.3 m", "0.1 m"]}
 TABLES = {
     "slow_lines": ("lines", "line,frequency_hz,mx_n_m\nslow,0.03,1e-4\nfast,3,1e-4\n"),
@@ -191,3 +194,28 @@ def test_a_density_from_0_hz_is_the_end_of_those_from_ever_lower_frequencies(
     assert found[0].value == pytest.approx(found[1].value, rel=1e-5)
     assert found[0].most == pytest.approx(found[1].most, rel=1e-5)
     assert found[0].value > found[2].value
+
+
+def test_slow_lines_on_a_controlled_hub_move_a_second_drive() -> None:
+    """Only without attitude control do lines below 0.05 Hz mean nothing."""
+    place = {"position": ["0.35 m", "-0.9 m", "-0.2 m"], "drive_axis": [0.0, -1.0, 0.0]}
+    both = mv.load_scenario(EXAMPLES / "spacecraft.yaml").with_(
+        {
+            "spacecraft.second_wing": {
+                "interface": {**place, "reference": [1, 0, 0]},
+                "drive": "driven",
+            }
+        }
+    )
+    assert both.driven_wing is not None
+
+    def most(frequency: float) -> float:
+        """The largest side line of one of a torque of 1 mN m on the hub."""
+        f, los = np.array([frequency]), np.full((1, 2), 1e-7 + 0j)
+        loads = np.array([[0.0, 0.0, 0.0, 0.0, 1e-3, 0.0]], dtype=complex)
+        lines = HubLines(both.alone, ("line",), f, loads, los, np.zeros((1, 2)))
+        given = Contribution("drive", "given", ("line",), f, los)
+        side = with_side_lines_of_other(given, lines, both.alone, both.driven_wing).side
+        return 0.0 if side is None else float(side.most.max(initial=0.0))
+
+    assert most(0.04) == pytest.approx(most(0.06), rel=0.5)
