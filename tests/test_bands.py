@@ -328,6 +328,28 @@ def test_a_run_whose_lines_are_not_judged_passes_no_band(state_1):
     assert (wide.verdict == "pass") == (not lines.gaps)
 
 
+@pytest.mark.parametrize(("settle", "duration", "verdict"), [
+    ("64.2 s", "4 s", "not judged"), ("62 s", "4 s", "fail"), ("60 s", "32 s", "fail"),
+])  # fmt: skip
+def test_a_part_of_a_steady_states_cycle_passes_no_band(settle, duration, verdict):
+    """Where the record fell decided: 7 mN m in a part of six seconds that reach 488."""
+    slow = mv.load_scenario("state-1").with_(
+        {
+            "tracking.rate": "0.003 deg/s", "driver.microsteps": 4, "motor.detent_torque": "0.05 N*m",
+            "record.settle": settle, "record.duration": duration,
+        }
+    )  # fmt: skip
+    from microvib.analysis.run import run_scenario
+    from microvib.studies.bands import judge_bands_of_run
+
+    result = run_scenario(slow, start="steady")
+    [band] = judge_bands_of_run(result, [BandLimit(8.0, 100.0, 0.35, "N*m")])
+    assert result.solver["period_s"] == pytest.approx(6.036, rel=1e-3)
+    assert band.verdict == verdict
+    if verdict == "not judged":
+        assert "the steady state repeats after 6.036 s (record.duration >= " in band.why
+
+
 @pytest.mark.release
 def test_a_report_that_is_made_again_has_its_bands_again(tmp_path):
     short = ["record.settle=2 s", "record.duration=4 s"]

@@ -2,6 +2,7 @@
 
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from support.stopped import rows_at
 import microvib as mv
 from microvib.solve import kernel
 from microvib.solve.batch import simulate_torques
+from microvib.solve.integration import status_error
 from microvib.solve.noise import roughness
+from microvib.solve.propagate import _crowd_after
 from microvib.solve.steady.state import steady_state
 
 ROUGH = {"density": 1e-6, "lowest": 2000.0, "highest": 30_000.0, "seed": 3}
@@ -130,6 +133,60 @@ def test_without_amplitude_nothing_changes_to_the_last_bit(state_1):
 def test_what_does_not_go_together_is_a_sentence(state_1, changes, said):
     with pytest.raises(mv.ScenarioError, match=re.escape(said)):
         state_1.with_si(changes)
+
+
+STEEP = {
+    "friction.slip_ring": None,
+    "friction.coulomb": "0.2148 N*m",
+    "friction.breakaway": "0.4296 N*m",
+    "friction.stribeck_rate": "0.0237 deg/s",
+    "friction.presliding": {"stiffness": "70 N*m/rad"},
+    "friction.position": {"harmonics": [{"order": 481, "amplitude": 0.5}]},
+    "driver.microsteps": 4,
+    "tracking.rate": "0.0491 deg/s",
+    "record.settle": "0 s",
+    "record.duration": "12 s",
+}
+"""Friction that falls with the angle faster than its elements relax when the array swings back."""
+
+
+def test_elements_that_are_pulled_back_to_less_friction_yield(state_1):
+    """They stuck and broke away three million times within 30 ms, and the run did not end."""
+    drive = state_1.with_(STEEP)
+    coarse, fine = (mv.simulate(drive.with_si({"solver.refinement": n})) for n in (1, 4))
+    for motion in (coarse, fine):
+        assert 1000 < motion.solver["breakaways"] < 100_000
+        assert np.min(motion["omega_l"]) < 0.0  # it does swing back
+    # momentum is lost where rates are set to zero, less of it the finer the events are found
+    assert fine.invariants.momentum < 0.3 * coarse.invariants.momentum < 3e-3
+    assert fine.invariants.energy_mechanical < 0.3 * coarse.invariants.energy_mechanical < 1.5e-3
+
+
+def test_friction_never_exceeds_its_limit_on_the_way_back(state_1):
+    """All elements together hold at most what friction holds at rest at that angle."""
+    drive = state_1.with_(STEEP)
+    limit = drive.friction.breakaway_torque
+    back = 0
+    for row in rows_at(drive, np.arange(4000, 6000) * 2e-3)[0]:
+        now = dict(zip(kernel.CHANNELS, row.tolist(), strict=False))
+        if now["omega_l"] < 0.0:
+            factor = 1.0 + 0.5 * math.cos(481 * now["theta_l"])
+            most = limit * factor - drive.friction.viscous * now["omega_l"]
+            assert abs(now["T_f"]) <= most * (1.0 + 1e-6)
+            back += 1
+    assert back > 100
+
+
+def test_events_without_end_are_an_error(state_1):
+    crowd = 0.0
+    propagators = SimpleNamespace(longest=2e-3)
+    for _ in range(1000):
+        crowd = _crowd_after.python(0, 1e-3, crowd, propagators)
+    assert crowd == 0.0
+    for _ in range(1000):
+        crowd = _crowd_after.python(0, 1e-9, crowd, propagators)
+    assert crowd == pytest.approx(1000.0, rel=1e-3)
+    assert "without end" in str(status_error(state_1, kernel.ENDLESS_EVENTS, 1.0))
 
 
 def test_the_steady_search_says_why_not(state_1):

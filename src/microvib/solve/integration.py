@@ -488,6 +488,12 @@ def status_error(scenario: Scenario, status: int, now: float) -> SimulationError
     """Sentence for the user on a status of the kernel at the time ``now`` [s]."""
     if status == kernel.LOST_SYNCHRONISM:
         return SynchronismLost(_synchronism_lost_message(scenario, now), now)
+    if status == kernel.ENDLESS_EVENTS:
+        return SimulationError(
+            f"simulation stopped at t = {now:.6g} s: a friction sticks and breaks away without end;"
+            " its law has no solution here: vary friction.position, or what presliding, hysteresis or"
+            " backlash there is, more slowly with the angle, or leave them out"
+        )
     if status == kernel.NOT_FINITE:
         what = "the solution is not finite"
     elif scenario.reducer.backlash:

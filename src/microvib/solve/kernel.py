@@ -61,9 +61,11 @@ STEP_LEVEL, STEP_EVENT, STEP_REACHES, STEP_PART, STEP_DEFICITS, STEP_COLUMNS = 0
 """Columns of a row that describes a step (``samples.record_step``): level, event at its end or -1,
 whether it reaches its target, the fraction taken, and 24 deficits."""
 
+YIELD = 1e-3
+"""Part of its limit by which an element yields at a time that is pulled back to where it holds less."""
 ROUNDED = 1e-12
 """Times that differ by less, over themselves, are the same."""
-OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
+OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE, ENDLESS_EVENTS = range(5)
 # entries of State.counters and State.clock
 (
     STEPS,
@@ -1143,11 +1145,15 @@ def decide_element(e, x, p):
     all that slip on it stick.
     """
     body = body_of(e, p)
-    angle, _ = _angle_and_rate(body, x.y, p)
+    angle, rate = _angle_and_rate(body, x.y, p)
     if body == BACKLASH:
         x.stick[2 + e] = math.copysign(1.0, angle) if x.stick[2 + e] == 0.0 else 0.0
     elif x.stick[2 + e] == 0.0:
-        x.stick[2 + e] = math.copysign(1.0, angle - x.stick[2 + p.elements.shape[0] + e])
+        sign = math.copysign(1.0, angle - x.stick[2 + p.elements.shape[0] + e])
+        if body == 1 and varies(p) and sign * rate < 0.0:
+            _yield_inward(e, sign, angle, x, p)
+        else:
+            x.stick[2 + e] = sign
         x.counters[BREAKAWAYS] += 1
     elif (
         p.rigid and breakaway_torques(p, -p.inv_h, 1.0)[0] > 0.0
@@ -1159,6 +1165,18 @@ def decide_element(e, x, p):
         decide_friction(1, x, p)
     else:
         _stick_at_rest(body, x, p)
+
+
+@code.inner(**COMPILE)
+def _yield_inward(e, sign, angle, x, p):
+    """An element of the output that is pulled back yields by ``YIELD`` of its limit.
+
+    The friction there falls with the angle faster than the element's spring relaxes, so that it
+    would carry more than its limit. It slides against the motion, in steps that are that small.
+    """
+    limit = (p.l_slide + p.l_stribeck) * friction_factor_in(x.y, p)
+    torque = sign * (1.0 - YIELD) * p.elements[e, 1] * limit
+    x.stick[2 + p.elements.shape[0] + e] = angle - torque / p.elements[e, 0]
 
 
 @code.inner(**COMPILE)

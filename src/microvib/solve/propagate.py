@@ -28,6 +28,7 @@ from microvib.solve.frame import (
 )
 from microvib.solve.kernel import (
     COMPILE,
+    ENDLESS_EVENTS,
     FORCED,
     INLINE,
     MODES,
@@ -101,6 +102,11 @@ FAR = 15.0
 """Rate over the Stribeck rate above which its excess is nothing."""
 LAYER_ERROR = 0.3
 """Error that a step may be expected to have by Stribeck's excess alone, over the accuracy."""
+DENSE_EVENTS, MAX_DENSE_EVENTS = 1e-3, 20_000
+"""Spacing of events, over the longest step, below which they are dense; how many more of these than
+fit into the time at that spacing there may be. Friction that sticks and breaks away without end lets
+time pass, but hardly: the motion that it stands for is not one of these modes.
+"""
 UNRESOLVED = 1e-4
 """Change of the deficits, over what a microstep moves, that is accepted in the shortest steps:
 where equations jump.
@@ -361,6 +367,16 @@ def _record(u, end, event, reaches, level, x, p, t, w, out):
 
 
 @code.inner(**INLINE)
+def _crowd_after(event, lasted, crowd, t):
+    """Events that are more than the time holds at the densest spacing, after a step that ``lasted`` so
+    long.
+    """
+    if event >= 0:
+        crowd += 1.0
+    return max(0.0, crowd - lasted / (DENSE_EVENTS * t.longest))
+
+
+@code.inner(**INLINE)
 def _kind_after(event, u, kind, level):
     """Kind of the step after one that took its fraction ``u``, and the level to go on from, or -1."""
     if event >= 0:
@@ -387,11 +403,12 @@ def advance(
     ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels) and ``room`` are scratch.
     Returns a status code.
     """
-    w, clock, coming, stalled, status = (
+    w, clock, coming, stalled, crowd, status = (
         work_of(x, p.elements.shape[0] + p.windings, lanes, flat, by_node, room),
         x.clock,
         0,
         0,
+        0.0,
         OK,
     )
     s, c = to_command_frame(x, p, t, w)
@@ -433,6 +450,9 @@ def advance(
         if _pulse_ends(x, p, t, w) or ramp_ends:
             kind, last_level = AFTER_MICROSTEP, -1
         status, stalled = health(_lag(p, w), lasted, clock[NOW], stalled)
+        crowd = _crowd_after(event, lasted, crowd, t)
+        if crowd > MAX_DENSE_EVENTS:
+            status = ENDLESS_EVENTS
         if status != OK:
             break
     add_reference_offset(w.x, 0.0, x, p)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from microvib.analysis.limits import judge
 from microvib.analysis.margins import NoVerdict, Verdict, worst_verdict
 from microvib.analysis.run import RunResult
 from microvib.analysis.spectra import samples_of
+from microvib.analysis.start import rounded_up
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.band_limits import BandLimit
 from microvib.model.record import PASSBAND
@@ -100,6 +101,15 @@ Gaps = Callable[[float, float, float], Sequence[str]]
 """Reasons why lines between two frequencies [Hz] are not judged against a limit, in words."""
 
 
+class _Reasons(NamedTuple):
+    """Reasons why a band passes nothing, or is not judged."""
+
+    gaps: Gaps
+    broken: str
+    cycle: float
+    """Time after which the motion repeats [s]; 0 where that is not known."""
+
+
 def no_gaps(low: float, high: float, limit: float) -> Sequence[str]:
     """No reasons: of a recording, whose samples are all that there is."""
     return ()
@@ -128,6 +138,7 @@ def judge_bands(  # noqa: PLR0913 - keyword options
     background: Recording | None = None,
     gaps: Gaps = no_gaps,
     broken: str = "",
+    cycle: float = 0.0,
 ) -> tuple[BandPeak, ...]:
     """Judge the peak of a channel's time history in each band.
 
@@ -151,6 +162,9 @@ def judge_bands(  # noqa: PLR0913 - keyword options
         Further reasons why a band passes nothing.
     broken : str
         Reason why no band is judged, such as invariants of a simulation that do not hold.
+    cycle : float
+        Time [s] after which the motion is known to repeat, of which a part passes nothing; 0 where that is
+        not known.
 
     Returns
     -------
@@ -175,7 +189,9 @@ def judge_bands(  # noqa: PLR0913 - keyword options
                 f"bands: the limit from {limit.low:g} to {limit.high:g} Hz is in"
                 f" {pretty(limit.unit)}, and channel {name} is in {pretty(unit)}"
             )
-        found.append(_judged((recording, background), name, limit, roll_off, (gaps, broken)))
+        found.append(
+            _judged((recording, background), name, limit, roll_off, _Reasons(gaps, broken, cycle))
+        )
     return tuple(found)
 
 
@@ -198,7 +214,8 @@ def judge_bands_of_run(
     recording = Recording({axis: x}, rate, {axis: unit}, result.scenario.title)
     second = None if result.second is None else result.second.table
     reasons = reasons_of_lines(result.table, result.scenario, second)
-    return judge_bands(recording, limits, axis, roll_off=roll_off, **reasons)
+    cycle = float(result.solver.get("period_s", 0.0))
+    return judge_bands(recording, limits, axis, roll_off=roll_off, cycle=cycle, **reasons)
 
 
 def verdict_on(peaks: Sequence[BandPeak]) -> Verdict | NoVerdict:
@@ -211,13 +228,12 @@ def _judged(
     name: str,
     limit: BandLimit,
     asked: float | None,
-    reasons: tuple[Gaps, str],
+    reasons: _Reasons,
 ) -> BandPeak:
     recording, background = recorded
     rate = recording.sample_rate
     roll_off = roll_off_for(limit.low, limit.high) if asked is None else asked
-    gaps, broken = reasons
-    blind = broken or _blind_reason(recording, name, limit, roll_off)
+    blind = reasons.broken or _blind_reason(recording, name, limit, roll_off)
     history = _history(recording, name, limit, roll_off)
     if history is None:
         nan = math.nan
@@ -229,7 +245,11 @@ def _judged(
         _tolerance_of_table(recording, name, limit, roll_off, history.largest),
         _tolerance_of_background(background, name, limit, roll_off),
     )
-    unseen = _unseen_reason(limit, looked_at, gaps) or _loud_ends_reason(history, limit, rate)
+    unseen = (
+        _unseen_reason(limit, looked_at, reasons.gaps)
+        or _part_of_cycle_reason(looked_at, recording.duration, reasons.cycle)
+        or _loud_ends_reason(history, limit, rate)
+    )
     verdict = _verdict(limit, figures, blind, unseen, tolerances)
     return _row(name, limit, figures, roll_off, looked_at, verdict)
 
@@ -378,6 +398,17 @@ def _loud_ends_reason(history: BandHistory, limit: BandLimit, rate: float) -> st
     return (
         f"the first and the last {history.first / rate:.3g} s, which are the filter's transients, are {times}"
         " as loud as the rest (a longer record around it)"
+    )
+
+
+def _part_of_cycle_reason(looked_at: float, duration: float, cycle: float) -> str:
+    """Reason why a record shows a part of a motion that repeats, as a clause; empty where it shows all."""
+    if looked_at >= cycle:
+        return ""
+    needed = rounded_up(duration - looked_at + cycle)
+    return (
+        f"{looked_at:.4g} s are left behind the filter's transients, and the steady state repeats after"
+        f" {cycle:.4g} s (record.duration >= {needed} s)"
     )
 
 
