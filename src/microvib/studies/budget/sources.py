@@ -910,9 +910,10 @@ def contribution_of_recording(
     gaps += list(_above_passband_gaps(scenario, table, PASSBAND * recording.sample_rate))
     kept = seen & known
     names = tuple(expected[k].name for k in np.flatnonzero(kept))
-    for why, low, high, size in unaccounted(scenario, recording, recorded.tables, set(names)):
-        at = np.array([math.sqrt(low * high)])
-        gaps.append(Unobserved(why, low, high, at, size[None, :], between=True))
+    gaps += [
+        Unobserved(why, low, high, np.array([math.sqrt(low * high)]), size[None, :], between=True)
+        for why, low, high, size in unaccounted(scenario, recording, recorded.tables, set(names))
+    ]
     slow = below_all_bands(scenario, recording, recorded.tables)
     ends, most_of_slow = np.array([0.1 * slow.high, slow.high]), np.tile(slow.most, (2, 1))
     gaps.append(Unobserved(slow.why, 0.0, slow.high, ends, most_of_slow, between=True))
