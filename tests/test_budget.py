@@ -3,6 +3,8 @@
 import csv
 import json
 import math
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.signal import butter, lfilter
 from support import craft as whole
 from support.craft_scenarios import scenario_of
 from support.tiers import at_a_release, sweep
@@ -55,7 +58,7 @@ from microvib.studies.budget.study import (
     summary,
     with_campaign,
 )
-from microvib.studies.budget.sums import assess, combine_lines, metric_exceeds
+from microvib.studies.budget.sums import Assessment, assess, combine_lines, metric_exceeds
 from microvib.studies.budget.wheels import bound_over_phases
 from microvib.studies.campaign.cases import compute_bytes
 from microvib.studies.campaign.design import read_design
@@ -1911,6 +1914,75 @@ def test_a_recording_of_another_size_than_the_scenario_decides_nothing(
     )
     if says:
         assert any(says in why for why in high.why)
+
+
+@pytest.fixture(scope="module")
+def on_table() -> tuple[mv.Scenario, dict[str, np.ndarray]]:
+    """A drive on its craft, and its loads on a force table."""
+    scenario = scenario_of(
+        whole.FullCraft(damping=np.full(4, 0.05), bandwidth=0.1),
+        **{"record.settle": Si(10.0), "record.duration": Si(8.0)},
+    )
+    ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
+    return scenario, {n: np.array(ground[n]) for n in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
+
+
+def _judged_by_table(
+    on_table: tuple[mv.Scenario, dict[str, np.ndarray]],
+    change: Callable[[np.ndarray], np.ndarray],
+    noise: float = 1e-7,
+) -> list[Assessment]:
+    """Two requirements, below and above 30 Hz, which an unchanged recording passes; its loads changed."""
+    scenario, loads = on_table
+    rng = np.random.default_rng(1)
+    read = {n: change(x) + noise * rng.normal(size=x.size) for n, x in loads.items()}
+    units = {n: "N" if n[0] == "F" else "N*m" for n in read}
+    bands = [("5 Hz", "30 Hz"), ("30 Hz", "300 Hz")]
+    r = Requirements(
+        requirements=[
+            {"axis": "x", "limit": "1 mrad", "lowest": low, "highest": high} for low, high in bands
+        ]
+    )
+    recording = Recording(read, 1024.0, units, "table")
+    return list(pointing_budget(scenario, r, recording=recording).judged)
+
+
+def _times_above(x: np.ndarray, factor: float) -> np.ndarray:
+    """Samples at 1024 Hz with all that is above 30 Hz times a factor."""
+    spectrum, f = np.fft.rfft(x), np.fft.rfftfreq(x.size, 1.0 / 1024.0)
+    return np.fft.irfft(np.where(f > 30.0, factor, 1.0) * spectrum, x.size)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda x: lfilter(*butter(4, 25.0, fs=1024.0), x), "has less than 1/4 of lines"),
+        (lambda x: _times_above(x, 0.1), "has less than 1/4 of lines"),
+        (lambda x: _times_above(x, 10.0), "has more than 4 times of lines"),
+    ],
+)
+def test_lines_of_another_size_in_a_band_decide_nothing_there(on_table, change, says) -> None:
+    """Each line counts, whatever the others of its component are, and in its band alone."""
+    low, high = _judged_by_table(on_table, change)
+    assert high.verdict == "not judged"
+    assert math.isinf(high.most)
+    assert any(
+        says in why and "of the scenario's own run that matter here" in why for why in high.why
+    )
+    assert any(re.search(r"such as \w+ of [FM][xyz] \S+ for \S+ N", why) for why in high.why)
+    assert low.verdict == "pass"
+
+
+@pytest.mark.parametrize("factor", [0.4, 1.0, 2.5])
+def test_lines_of_a_slightly_different_drive_are_judged(on_table, factor) -> None:
+    found = _judged_by_table(on_table, lambda x: _times_above(x, factor))
+    assert [one.verdict for one in found] == ["pass", "pass"]
+
+
+def test_lines_that_noise_hides_are_bounded_as_before(on_table) -> None:
+    found = _judged_by_table(on_table, lambda x: x, noise=0.03)
+    assert all("own run that matter" not in why for one in found for why in one.why)
+    assert all(math.isfinite(one.most) for one in found)
 
 
 def test_an_axis_without_rows_of_the_line_of_sight_is_not_judged() -> None:

@@ -13,6 +13,7 @@ import microvib as mv
 from microvib.errors import OptionError
 from microvib.io.recordings import Prepared
 from microvib.signals.limit_curve import Limit
+from microvib.studies.acceptance import AcceptanceTest
 from microvib.studies.recording_limits import judge_recording
 from microvib.testdata.bench_parts import Resonance
 from microvib.testdata.force_table import ForceTable
@@ -161,11 +162,17 @@ def torque():
     return mv.simulate(mv.load_scenario("state-1").with_(record), start="steady")["T_d"]
 
 
-def beside_scenario(samples: np.ndarray, noise: float, limit: str = "30 mN*m", seed: int = 0):
+def beside_scenario(
+    samples: np.ndarray,
+    noise: float,
+    limit: str = "30 mN*m",
+    seed: int = 0,
+    band=("1 Hz", "350 Hz"),
+):
     """Judgement beside state 1, and what the comparison with it says; the noise is white."""
     x = samples + noise * np.random.default_rng(seed).normal(size=samples.size)
     recorded = Recording({"Mz": x}, 2048.0, {"Mz": "N*m"}, "made")
-    judged = judge_recording(recorded, Limit(limit, "1 Hz", "350 Hz"), scenario="state-1")
+    judged = judge_recording(recorded, Limit(limit, *band), scenario="state-1")
     return judged.verdict, "".join(one for one in judged.gaps if "beside the scenario" in one)
 
 
@@ -225,3 +232,44 @@ def test_a_quieter_drive_passes(torque, lines, decibel):
         quieter = factor * torque
     for noise in (1e-6, 1e-3, 0.03):
         assert beside_scenario(quieter, noise, "60 mN*m") == ("pass", "")
+
+
+def low_passed(samples: np.ndarray, corner: float, order: int) -> np.ndarray:
+    """Samples behind a low-pass, by its magnitude alone."""
+    spectrum, f = np.fft.rfft(samples), np.fft.rfftfreq(samples.size, 1.0 / 2048.0)
+    return np.fft.irfft(spectrum / np.sqrt(1.0 + (f / corner) ** (2 * order)), samples.size)
+
+
+@pytest.mark.parametrize(
+    ("order", "band", "told"),
+    [
+        (2, ("40 Hz", "200 Hz"), "from 40 Hz to 200 Hz A has far less than B of every main line"),
+        (2, ("1 Hz", "350 Hz"), "A has far less than B of its upper main lines, and the less the"),
+        at_a_release(1, ("40 Hz", "200 Hz"), "A has far less than B of every main line"),
+        at_a_release(1, ("1 Hz", "350 Hz"), "A has far less than B of its upper main lines"),
+    ],
+)
+@pytest.mark.parametrize("noise", [1e-7, 1e-4])
+def test_a_recording_behind_a_low_pass_passes_no_limit_above_it(torque, order, band, told, noise):
+    """State 1 has its slow lines then, and of those above a thirtieth and less."""
+    verdict, said = beside_scenario(low_passed(torque, 10.0, order), noise, "30 mN*m", band=band)
+    assert verdict == "not judged"
+    assert told in said
+    assert "does a filter in the chain or its passband hold them back" in said
+
+
+def test_below_a_low_pass_lines_are_judged(torque):
+    passed = low_passed(torque, 30.0, 4)
+    assert beside_scenario(passed, 1e-6, "30 mN*m", band=("1 Hz", "20 Hz")) == ("pass", "")
+
+
+def test_an_acceptance_test_looks_at_the_band_of_its_limit(torque):
+    """The first run beside a reference that is a recording, too."""
+    x = low_passed(torque, 30.0, 4) + 1e-6 * np.random.default_rng(0).normal(size=torque.size)
+    sides = [Prepared(Recording({"Mz": y}, 2048.0, {"Mz": "N*m"}, "made")) for y in (torque, x)]
+    compared = mv.compare(*sides, scenario="state-1")
+    for ends, misread in (("40:200 Hz", True), ("1:20 Hz", False)):
+        limit = Limit.of("30 mN*m", ends)
+        found = AcceptanceTest((), "Mz", limit, None, compared, None)
+        assert found.is_misread == misread
+        assert bool(found.lacking_in_band) == misread

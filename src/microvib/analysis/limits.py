@@ -34,7 +34,18 @@ from microvib.analysis.margins import (
     unseen_ringing_modes,
     worst_verdict,
 )
-from microvib.analysis.noise import noise_margins, noise_of_record, with_other_draws
+from microvib.analysis.noise import (
+    noise_bounds,
+    noise_margins,
+    noise_of_record,
+    with_other_draws,
+)
+from microvib.analysis.other_states import (
+    SECOND_WING,
+    OtherStates,
+    other_states,
+    slipping_reason_of_table,
+)
 from microvib.analysis.start import (
     RecordGap,
     mode_has_decayed,
@@ -62,8 +73,6 @@ _SETTLED_RATIO = 0.01
 _FAR_ABOVE_RECORD = 10.0
 """Times the largest line of a record above which a limit is passed although modes that the record
 does not resolve may ring."""
-SECOND_WING = "_2"
-"""Ending of the channels of loads at a second wing's interface."""
 _STRONG_RINGING_EFOLDINGS = 3.0
 """Within which a mode rings with more than a twentieth of what it began with, and friction may make
 lines of that."""
@@ -94,6 +103,8 @@ class Judgement:
     axis."""
     loads: tuple[Judgement, ...] = ()
     """Judgements of each load that has a limit of its own."""
+    assumption: str = ""
+    """State of a hinge in which the lines are those of the run, where it matters: a sentence."""
 
     @property
     def verdict(self) -> Verdict:
@@ -148,15 +159,15 @@ class Judgement:
         else:
             head = f"Limit{self._of_what()} {self.allowed} over frequency{band}: "
         if not self.margins and not self.gaps:
-            return f"{head}pass; there is no line{band}.{self._beyond()}"
+            return f"{head}pass; there is no line{band}.{self._tail()}"
         if self.above:
             verdict = f"FAIL, {self.above} of {len(self.margins)} lines above"
         else:
             verdict = self._own_verdict
         worst = self._worst()
         if verdict == "not judged" and self.all_gaps and not worst:
-            return f"{head}not judged: {self._reasons()}.{self._beyond()}"
-        return f"{head}{verdict}{worst}.{self.not_judged()}{self._beyond()}"
+            return f"{head}not judged: {self._reasons()}.{self._tail()}"
+        return f"{head}{verdict}{worst}.{self.not_judged()}{self._tail()}"
 
     @property
     def unit(self) -> str:
@@ -181,6 +192,11 @@ class Judgement:
         if least == most:
             return f"{least:.4g} {self.unit}"
         return f"{least:.4g} to {most:.4g} {self.unit}"
+
+    def _tail(self) -> str:
+        """Assumption of the verdict, and where nothing is limited."""
+        assumed = f" {self.assumption}" if self.assumption else ""
+        return f"{assumed}{self._beyond()}"
 
     def _beyond(self) -> str:
         """That a curve limits nothing beyond its ends; empty for one number, which says where it
@@ -286,13 +302,21 @@ def judge(
     table = with_known_error(table)
     judged = Judgement(limit, (), ())
     if limit.curve is not None:
-        judged = _judge_table(table, limit, limit.curve, scenario)
+        states = other_states(table, scenario)
+        judged = _judge_table(table, limit, limit.curve, scenario, states=states)
         if scenario is not None and scenario.driven_wing is not None:
             judged = _combine_drives(judged, second, scenario.driven_wing.alone)
-    if not limit.loads:
-        return judged
-    of_loads = _judged_loads(limit, table, loads or {}, scenario)
+    of_loads = list(_judged_loads(limit, table, loads or {}, scenario))
+    if slips := slipping_reason_of_table(table, scenario):
+        judged, *of_loads = (_open_for(one, slips) for one in (judged, *of_loads))
     return replace(judged, loads=tuple(of_loads))
+
+
+def _open_for(one: Judgement, why: str) -> Judgement:
+    """A judgement in which nothing passes or fails."""
+    return replace(
+        one, margins=tuple(_undecided(m, why) for m in one.margins), gaps=(why, *one.gaps)
+    )
 
 
 def judge_channel(table: LineTable, limit: Limit, component: str = "") -> Judgement:
@@ -340,7 +364,8 @@ def _judged_loads(
         there = [each for each in (name, f"{name}{SECOND_WING}") if each in loads]
         for each in there:
             lines = replace(loads[each], own_error=table.own_error, find_error=None)
-            found = _judge_table(lines, alone, curve, scenario, of_torque=False)
+            states = other_states(lines, scenario, each)
+            found = _judge_table(lines, alone, curve, scenario, of_torque=False, states=states)
             yield replace(found, component=each)
         if there:
             continue
@@ -368,8 +393,9 @@ def _judge_table(
     scenario: Scenario | None,
     *,
     of_torque: bool = True,
+    states: OtherStates | None = None,
 ) -> Judgement:
-    """The lines of one channel against a curve.
+    """The lines of one channel against a curve, in all ``states`` of the other wing's hinge.
 
     Models bound the torque about the drive axis only: of other channels nothing is known beyond
     their passband, nor what other draws of the noise have there.
@@ -379,17 +405,18 @@ def _judge_table(
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
     of_noise = noise_margins(table, curve, scenario) if of_torque else ()
     margins = sorted(
-        [*_line_margins(known, curve, table, scenario), *of_noise], key=lambda m: m.factor
+        [*_line_margins(known, curve, table, scenario, states), *of_noise], key=lambda m: m.factor
     )
     record = record_gap_of_table(table, scenario)
     gaps = [
         *([] if record is None else [record.why]),
+        *_state_gaps(margins, table, curve, scenario, states),
         *(m.why for m in margins if m.verdict == "not judged"),
-        *_hidden_line_gaps(unknown, curve, table, scenario),
+        *_hidden_line_gaps(unknown, curve, table, scenario, states),
         *_record_gaps(table, curve, scenario),
     ]
     if of_torque:
-        gaps += _above_passband(table, curve, scenario)
+        gaps += _above_passband(table, curve, scenario, states)
     else:
         gaps += _other_channel_gaps(table, curve, scenario)
     why = failed_invariants_reason(table.broken, scenario) or unknown_error_reason(table, scenario)
@@ -399,7 +426,41 @@ def _judge_table(
         margins = [_undecided(m, reason) for m in margins]
     if record is not None:
         margins = [_unless_overstated(m, record) for m in margins]
-    return Judgement(limit, tuple(margins), unknown, tuple(gaps))
+    assumption = ""
+    if states is not None and states.matters(table, curve):
+        assumption = states.assumption
+    return Judgement(limit, tuple(margins), unknown, tuple(gaps), assumption=assumption)
+
+
+def _state_gaps(
+    margins: Sequence[Margin],
+    table: LineTable,
+    limit: LimitCurve,
+    scenario: Scenario | None,
+    states: OtherStates | None,
+) -> Iterator[str]:
+    """The state of the other wing's hinge, where a line, a peak or noise may be above the limit in one
+    and not in another.
+    """
+    if states is None or scenario is None:
+        return
+    told = []
+    factor = 1.0 if table.rest is None else table.rest.factor
+    noise = (
+        None if noise_of_record(scenario, table) is None else noise_bounds(scenario, table.duration)
+    )
+    for what, peaks, times in (
+        ("unexplained peaks", table.rest, factor),
+        ("lines of a part of the time", table.pieces, 1.0),
+        ("noise of the friction", noise, 1.0),
+    ):
+        if above := states.peaks_above(peaks, limit, times):
+            frequency, amplitude = above
+            unit = f"m{pretty(table.unit)}"
+            told.append(f"{what} of up to {1e3 * amplitude:.4g} {unit} at {frequency:.5g} Hz")
+    if told or any(m.by_state for m in margins):
+        yield states.gap
+    yield from (f"{what} with another state of that hinge" for what in told)
 
 
 def _other_channel_gaps(
@@ -412,12 +473,16 @@ def _other_channel_gaps(
 
 
 def _line_margins(
-    lines: Sequence[Line], curve: LimitCurve, table: LineTable, scenario: Scenario | None
+    lines: Sequence[Line],
+    curve: LimitCurve,
+    table: LineTable,
+    scenario: Scenario | None,
+    states: OtherStates | None,
 ) -> Iterator[Margin]:
     """Margins of lines of the table with known amplitudes."""
     ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
     for line in lines:
-        yield _certainly_within(_margin(line, curve, table, ringing, scenario), curve)
+        yield _certainly_within(_margin(line, curve, table, ringing, scenario, states), curve)
 
 
 def _margin(
@@ -426,24 +491,30 @@ def _margin(
     table: LineTable,
     ringing: Sequence[Line],
     scenario: Scenario | None,
+    states: OtherStates | None,
 ) -> Margin:
-    """The margin of a line to the strictest limit within its frequency uncertainty.
+    """The margin of a line to the strictest limit within its frequency uncertainty, in any of the
+    ``states``.
 
     It fails where it is above the most that is allowed there, too.
     """
     low, high = line_range(line, table, scenario)
     strict, lenient = limit.strictest(low, high), limit.most_lenient(low, high)
-    found = _margin_to(line, strict, table, ringing, scenario)
-    if not found.fails or lenient == strict:
-        return found
-    if _margin_to(line, lenient, table, ringing, scenario).fails:
-        return found
     unit = f"m{pretty(table.unit)}"
-    return _undecided(
-        found,
-        f"the limit goes from {1e3 * strict:.4g} to {1e3 * lenient:.4g} {unit} between"
-        f" {low:.6g} and {high:.6g} Hz, within the uncertainty of its frequency",
-    )
+
+    def judged_at(most: float) -> Margin:
+        return _margin_to(line, most, table, ringing, scenario)
+
+    found = judged_at(strict)
+    if found.fails and lenient > strict and not judged_at(lenient).fails:
+        return _undecided(
+            found,
+            f"the limit goes from {1e3 * strict:.4g} to {1e3 * lenient:.4g} {unit} between"
+            f" {low:.6g} and {high:.6g} Hz, within the uncertainty of its frequency",
+        )
+    if states is None:
+        return found
+    return states.judged(found, judged_at, lenient, unit)
 
 
 def _margin_to(
@@ -476,11 +547,17 @@ def _margin_in_background(line: Line, allowed: float) -> Margin:
 
 
 def _hidden_line_gaps(
-    unknown: Sequence[Line], limit: LimitCurve, table: LineTable, scenario: Scenario | None
+    unknown: Sequence[Line],
+    limit: LimitCurve,
+    table: LineTable,
+    scenario: Scenario | None,
+    states: OtherStates | None,
 ) -> Iterator[str]:
     """Lines without an amplitude that may be above the limit."""
     for line in unknown:
         most = limit.strictest(*line_range(line, table, scenario))
+        if states is not None:
+            most = states.strictest(line, most)
         if not (mode_has_decayed(line, scenario) or _is_negligible(line, most)):
             yield f"{line.name} ({line.status})"
 
@@ -558,7 +635,9 @@ def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenari
     if table is None:
         return replace(first, gaps=(*first.gaps, _SECOND_UNKNOWN))
     assert first.limit.curve is not None
-    second = _judge_table(with_known_error(table), first.limit, first.limit.curve, scenario)
+    table = with_known_error(table)
+    states = other_states(table, scenario, first=False)
+    second = _judge_table(table, first.limit, first.limit.curve, scenario, states=states)
 
     def called(line: Line) -> Line:
         return replace(line, name=of_second_wing(line.name))
@@ -567,7 +646,8 @@ def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenari
     margins = sorted([*first.margins, *theirs], key=lambda m: m.factor)
     unknown = (*first.unknown, *map(called, second.unknown))
     gaps = (*first.gaps, *(f"{SECOND_DRIVE} {gap}" for gap in second.gaps))
-    return replace(first, margins=tuple(margins), unknown=unknown, gaps=gaps)
+    assumption = " ".join(filter(None, (first.assumption, second.assumption)))
+    return replace(first, margins=tuple(margins), unknown=unknown, gaps=gaps, assumption=assumption)
 
 
 def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
@@ -783,7 +863,12 @@ def _certainly_within(one: Margin, limit: LimitCurve) -> Margin:
     return replace(one, verdict="not judged", why=why)
 
 
-def _above_passband(table: LineTable, limit: LimitCurve, scenario: Scenario | None) -> list[str]:
+def _above_passband(
+    table: LineTable,
+    limit: LimitCurve,
+    scenario: Scenario | None,
+    states: OtherStates | None = None,
+) -> list[str]:
     """Gap above the highest frequency examined."""
     top = PASSBAND * table.sample_rate
     if limit.high <= top:
@@ -791,10 +876,11 @@ def _above_passband(table: LineTable, limit: LimitCurve, scenario: Scenario | No
     start = max(top, limit.low)
     if scenario is None:
         return [f"lines above {start:.4g} Hz (increase record.sample_rate)"]
+    unseen = list(out_of_band_lines(scenario, table, start, limit.high))
+    if states is not None:
+        unseen = [states.out_of_band(one, limit) for one in unseen]
     large = [
-        (one, np.flatnonzero(above))
-        for one in out_of_band_lines(scenario, table, start, limit.high)
-        if np.any(above := one.may_exceed(limit))
+        (one, np.flatnonzero(above)) for one in unseen if np.any(above := one.may_exceed(limit))
     ]
     if not large:
         return []

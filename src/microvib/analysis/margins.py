@@ -146,6 +146,8 @@ class Margin:
     """Why it is not judged, and what would have to change."""
     limit: float = math.nan
     """The strictest limit within the uncertainty of the line's frequency [N m]."""
+    by_state: bool = False
+    """Whether it is not judged because of what the other wing's hinge may be like."""
 
     @property
     def decibel(self) -> float:

@@ -22,13 +22,14 @@ from microvib.analysis.accuracy import (
     with_known_error,
 )
 from microvib.analysis.hub_lines import hub_lines
-from microvib.analysis.limits import SECOND_WING, Judgement, judge
+from microvib.analysis.limits import Judgement, judge
 from microvib.analysis.lines import (
     HARMONICS_RANGE,
     find_lines,
     lines_of_motion,
     lines_of_steady_state,
 )
+from microvib.analysis.other_states import SECOND_WING
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MAX_SEEDS, check_seeds, with_seeds
 from microvib.analysis.start import mode_has_decayed, record_gap

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.model.craft import Craft, HeldWing, array_on_hub, held_wing, hub_matrices
+from microvib.model.craft import Craft, HeldWing, held_wing, hub_matrices, locked_wing
 from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
 from microvib.model.driven import noise_density as density_of_friction
@@ -138,8 +138,8 @@ def source_of(scenario: Scenario, *, powered: bool = True) -> Source:
     )
     if powered:
         return Source(found.mass, found.G, found.M, found.C, found.K)
-    _, P = array_on_hub(s.array, spacecraft.interface, spacecraft.array_angle)
-    return Source(found.mass, P, np.eye(P.shape[1]), np.diag(s.array.D), np.diag(s.array.Lambda))
+    found = locked_wing(found, s.array, spacecraft.interface, spacecraft.array_angle)
+    return Source(found.mass, found.G, found.M, found.C, found.K)
 
 
 @dataclass(frozen=True)
@@ -228,9 +228,10 @@ def receiver_of(scenario: Scenario) -> Receiver:
         lowest = MIN_FREQUENCY_WITHOUT_CONTROL
     else:
         lowest = 0.0
-    second = (
-        (None, None) if other is None else (source_of(other), craft.at(SECOND_INTERFACE)[:, :n])
-    )
+    second: tuple[Source | None, np.ndarray | None] = (None, None)
+    if other is not None:
+        powered = not scenario.second_is_locked
+        second = source_of(other, powered=powered), craft.at(SECOND_INTERFACE)[:, :n]
     coupled = np.zeros_like(C)
     coupled[6:, 6:] = C[6:, 6:] - np.diag(np.diag(C[6:, 6:]))
     return Receiver(

@@ -402,9 +402,12 @@ def second_wing(spacecraft: Spacecraft) -> HeldWing | None:
     assert wing.array is not None
     assert wing.array_angle is not None
     motor = motor_of_mean_spring(wing.driver, wing.motor)
-    return held_wing(
+    held = held_wing(
         motor, wing.reducer, wing.friction, wing.array, wing.interface, wing.array_angle
     )
+    if wing.drive == "locked":
+        return locked_wing(held, wing.array, wing.interface, wing.array_angle)
+    return held
 
 
 def held_wing(
@@ -425,6 +428,12 @@ def held_wing(
     G = np.column_stack([J_m * a, M @ a, P]) @ coordinates(reducer, P.shape[1])
     M_x, C_x, K_x = drive_matrices(motor, reducer, friction, on_ground)
     return HeldWing(M + J_m * np.outer(a, a), G, M_x, C_x, K_x)
+
+
+def locked_wing(held: HeldWing, array: Array, interface: Interface, angle: float) -> HeldWing:
+    """A wing as ``held`` by its drive whose shaft does not turn: its array's modes alone."""
+    _, P = array_on_hub(array, interface, angle)
+    return HeldWing(held.mass, P, np.eye(P.shape[1]), np.diag(array.D), np.diag(array.Lambda))
 
 
 def array_on_hub(array: Array, interface: Interface, angle: float) -> tuple[np.ndarray, np.ndarray]:

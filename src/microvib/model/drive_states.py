@@ -396,22 +396,30 @@ class DriveStates:
         return np.concatenate(found)
 
     def extremes(
-        self, frequency: np.ndarray, forces: np.ndarray, rows: np.ndarray | None = None
+        self,
+        frequency: np.ndarray,
+        forces: np.ndarray,
+        rows: np.ndarray | None = None,
+        *,
+        between: bool = True,
     ) -> np.ndarray:
         """Smallest and largest line of sight [rad] over all states by ``forces`` on the coordinates
         (n, c), or at each frequency (m, n, c), at frequencies (m,) [Hz], (2, m, 2, c).
 
-        ``rows`` (r, n) of the coordinates take the place of the line of sight, (2, m, r, c).
+        ``rows`` (r, n) of the coordinates take the place of the line of sight, (2, m, r, c). Not
+        ``between``: friction that locks a shaft does so or slides, and holds it by no spring between.
         """
         each = np.broadcast_to(forces, (frequency.size, *forces.shape[-2:]))
         n, seen = self._system[0].shape[0], self._los if rows is None else rows
         found = [
-            self._extremes(frequency[part], each[part], seen)
+            self._extremes(frequency[part], each[part], seen, between)
             for part in frequency_blocks(frequency.size, n)
         ]
         return np.concatenate([np.zeros((2, 0, seen.shape[0], forces.shape[-1])), *found], axis=1)
 
-    def _extremes(self, frequency: np.ndarray, forces: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    def _extremes(
+        self, frequency: np.ndarray, forces: np.ndarray, seen: np.ndarray, between: bool
+    ) -> np.ndarray:
         M, C, K = self._system
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None, None]
         G = np.array([spring.on for spring in self.springs]).reshape(-1, K.shape[0]).T
@@ -427,17 +435,23 @@ class DriveStates:
         least, most = np.abs(start.los), np.abs(start.los)
         for k, spring in enumerate(self.springs):
             others = [j for j in range(len(self.springs)) if j != k]
-            for levels in itertools.product(*(self._levels(j) for j in others)):
+            for levels in itertools.product(*(self._levels(j, between) for j in others)):
                 at = start
                 for j, level in zip(others, levels, strict=True):
                     at = at.with_spring(j, level, z[j])
-                low, high = _extremes_over_one(at, k, z[k], spring.low, spring.high)
+                if between or math.isfinite(spring.high):
+                    low, high = _extremes_over_one(at, k, z[k], spring.low, spring.high)
+                else:
+                    ends = [np.abs(at.with_spring(k, x, z[k]).los) for x in (spring.low, math.inf)]
+                    low, high = np.minimum(*ends), np.maximum(*ends)
                 least, most = np.minimum(least, low), np.maximum(most, high)
         return np.array([least, most])
 
-    def _levels(self, k: int) -> list[float]:
+    def _levels(self, k: int, between: bool) -> list[float]:
         """Values at which a spring is taken while another takes all between its ends."""
         spring, count = self.springs[k], len(self.springs)
+        if not between and math.isinf(spring.high):
+            return [spring.low, spring.high]
         if count >= _MANY:
             return [spring.low, spring.high]
         parts = _LEVELS if count == 2 else _LEVELS[::4]
@@ -519,7 +533,7 @@ def drive_states(
     n = receiver_of(scenario).root.shape[1]
     mine = _springs_of_own(scenario, sticking[0], turning) if own else []
     other, beside = scenario.other_wing, list[UncertainSpring]()
-    if other is not None:
+    if other is not None and not scenario.second_is_locked:
         wing = require_craft(scenario).spacecraft.second_wing
         held = not steps and wing is not None and wing.drive == "held"
         beside = _springs_that_stand(other) if held else springs_of_drive(other, sticking[1])
@@ -529,7 +543,8 @@ def drive_states(
     if not mine and not beside:
         return None
     n_own = source_of(scenario).M.shape[0]
-    n_other = 0 if other is None else source_of(other).M.shape[0]
+    second = receiver_of(scenario).second
+    n_other = 0 if second is None else second.M.shape[0]
     springs = [
         *(_placed(one, n, n_other) for one in mine),
         *(_placed(one, n + n_own, 0) for one in beside),

@@ -400,15 +400,21 @@ class Scenario(Part):
             wing = None
         else:
             wing = self.spacecraft.second_wing
-        if wing is None or wing.drive == "held":
+        if wing is None or wing.drive != "driven":
             return None
         return self.other_wing
+
+    @property
+    def second_is_locked(self) -> bool:
+        """Whether there is a second wing whose shaft does not turn at all."""
+        wing = None if self.spacecraft is None else self.spacecraft.second_wing
+        return wing is not None and wing.drive == "locked"
 
     @property
     def alone(self) -> Scenario:
         """Scenario of this drive alone: a second wing, if there is one, is held."""
         craft = self.spacecraft
-        if craft is None or craft.second_wing is None or craft.second_wing.drive == "held":
+        if self.driven_wing is None or craft is None or craft.second_wing is None:
             return self
         wing = craft.second_wing.model_copy(update=HELD_WING_SETTINGS)
         return self.model_copy(

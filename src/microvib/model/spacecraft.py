@@ -191,9 +191,10 @@ class SecondWing(Part):
     Groups that are not given are those of the first drive.
     """
 
-    drive: Literal["held", "driven"] = Field(
+    drive: Literal["held", "driven", "locked"] = Field(
         default="held",
-        description="held: motor energised at standstill; driven: it steps as well",
+        description="held: motor energised at standstill; driven: it steps as well; locked: its dry"
+        " friction, or a brake, does not let its shaft turn",
     )
     interface: Interface
     array_angle: (

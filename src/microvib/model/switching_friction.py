@@ -220,7 +220,9 @@ def drives_that_stand(
     if scenario.rate == 0.0:
         yield 0, scenario
     driven, other = second or scenario.driven_wing, scenario.other_wing
-    if other is not None and (driven is None or driven.rate == 0.0):
+    if scenario.second_is_locked or other is None:
+        return
+    if driven is None or driven.rate == 0.0:
         yield 1, other
 
 

@@ -230,7 +230,7 @@ def _conclusion(test: AcceptanceTest) -> Iterator[str]:
     if test.comparison is not None:
         open_yet = "Not passed while this is open: " if test.is_misread else ""
         a, b = test.comparison.a.name, test.comparison.b.name
-        for sentence in misread(*test.comparison):
+        for sentence in (*misread(*test.comparison), *test.lacking_in_band):
             yield f"{open_yet}of {file_name(a)} (A) and {file_name(b)} (B), {sentence}"
 
 

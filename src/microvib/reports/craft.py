@@ -110,14 +110,18 @@ def craft_words(craft: Spacecraft) -> str:
     return f"hub of {craft.hub.mass:.5g} kg, {kind}; array at {math.degrees(craft.array_angle):.4g}°{wing}; {held}"
 
 
+_HOLDS = {"held": "held by its drive", "locked": "its shaft locked"}
+"""Text on a second wing that does not step."""
+
+
 def _second_words(wing: SecondWing) -> str:
     """Text on the second wing's drive."""
     if wing.array_angle is None:
         angle = "with the first"
     else:
         angle = f"at {math.degrees(wing.array_angle):.4g}°"
-    if wing.drive == "held":
-        return f"{angle}, held by its drive"
+    if wing.drive != "driven":
+        return f"{angle}, {_HOLDS[wing.drive]}"
     if wing.stagger:
         late = f", {wing.stagger:g} microsteps after the first"
     else:

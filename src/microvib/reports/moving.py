@@ -19,6 +19,7 @@ from microvib.model.array import Array
 from microvib.model.coupling import require_craft
 from microvib.model.craft import hub_matrices
 from microvib.model.drive_matrices import coordinates
+from microvib.model.reducer import Reducer
 from microvib.model.rigid import COMPONENTS, inertia_about_center, rigid_motions, tensor
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, INTERFACE, SECOND_INTERFACE, Interface
@@ -166,6 +167,15 @@ def _panel(array: Array) -> AnimatedShape:
     return _rigid(points, motion, faces=faces, lines=[[len(points) - 2, len(points) - 1]])
 
 
+def _coordinates_of(drive: str, reducer: Reducer, modes: int) -> np.ndarray:
+    """theta_m, theta_l and modes by the coordinates of a second wing that does not step, (2 + s, n): those
+    of its modes alone where its shaft is locked.
+    """
+    if drive == "locked":
+        return np.eye(2 + modes)[:, 2:]
+    return coordinates(reducer, modes)
+
+
 def shape_of_craft(scenario: Scenario, modes: Modes | None) -> AnimatedShape:
     """Hub, arrays at their angles and line of sight in the craft's modes, hub axes about the hub's
     centre of mass.
@@ -188,9 +198,7 @@ def shape_of_craft(scenario: Scenario, modes: Modes | None) -> AnimatedShape:
         and second.reducer is not None
         and second.array_angle is not None
     ):
-        by = coordinates(
-            second.reducer, len(second.array.modes)
-        )  # theta_m, theta_l, modes by the coordinates of a held wing
+        by = _coordinates_of(second.drive, second.reducer, len(second.array.modes))
         turned = by @ shapes[6 + len(hub.modes) :][: by.shape[1]]
         moved = craft.at(SECOND_INTERFACE) @ shapes
         moved[3:] += np.outer(second.interface.axis, turned[1])

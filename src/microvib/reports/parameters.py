@@ -275,7 +275,9 @@ def _second_wing(scenario: Scenario) -> list[tuple[str, str, str]]:
         )
     ]
     f_d, wing = other.driving_frequency, scenario.spacecraft and scenario.spacecraft.second_wing
-    if scenario.driven_wing is None:
+    if scenario.second_is_locked:
+        rows.append(("second wing, its drive", "locked", "its shaft does not turn"))
+    elif scenario.driven_wing is None:
         rows.append(
             ("second wing, its drive", "held", "springs and dampers of its linearised drive")
         )

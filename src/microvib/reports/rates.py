@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from microvib.analysis.margins import frequency_error_bound
+from microvib.analysis.other_states import COUNTS
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Text
 from microvib.reports.numbers import count_text, plain_number
@@ -383,6 +384,7 @@ def _not_seen(plan: RatePlan) -> Iterator[NotSeen]:
             reach = max(float(frequency_error_bound(x.frequency)), x.away)
             low, high = max(x.frequency - reach, 0.0), x.frequency + reach
             yield NotSeen(*at, x.name, low, high, x.amplitude)
+        yield from _in_other_states(case)
         if case.shown > 0.0:
             what = "lines above the passband"
         else:
@@ -390,6 +392,22 @@ def _not_seen(plan: RatePlan) -> Iterator[NotSeen]:
         yield NotSeen(*at, what, min(case.shown, _NO_END), math.nan, math.nan)
         if case.gap is not None:
             yield NotSeen(*at, case.gap.why, 0.0, math.nan, math.nan, case.gap.overstated)
+
+
+def _in_other_states(case: RateCase) -> Iterator[NotSeen]:
+    """Lines that are larger in another state of the other wing's hinge, and by how much any may be smaller."""
+    if not case.hinge:
+        return
+    at, smaller = (case.rate, case.microsteps), 1.0
+    for x in case.lines:
+        reach = float(frequency_error_bound(x.frequency))
+        what = f"{x.name} in another state of the other wing's hinge"
+        if x.most > (1.0 + COUNTS) * x.amplitude:
+            yield NotSeen(*at, what, x.frequency - reach, x.frequency + reach, x.most)
+        if (1.0 + COUNTS) * x.least < x.amplitude:
+            smaller = max(smaller, x.amplitude / x.least if x.least > 0.0 else math.inf)
+    if smaller > 1.0:
+        yield NotSeen(*at, case.hinge, 0.0, math.nan, 0.0, smaller)
 
 
 def _how_solved(plan: RatePlan, case: RateCase) -> str:

@@ -15,7 +15,7 @@ from microvib.model.scenario import GivenScenario, as_scenario
 from microvib.signals.limit_curve import Limit
 from microvib.solve.integration import Progress
 from microvib.studies.analyse import Analysis, analyse
-from microvib.studies.compare import Comparison, compare, misreads_amplitudes
+from microvib.studies.compare import Comparison, compare, lacking_within, misreads_amplitudes
 from microvib.studies.hammer import HammerTest
 from microvib.studies.recording_limits import judge_recording
 from microvib.studies.repeatability import RecordedRun, Repeatability, repeatability
@@ -58,8 +58,20 @@ class AcceptanceTest:
 
     @property
     def is_misread(self) -> bool:
-        """Whether the first run is in another unit or on another axis than the reference."""
-        return self.comparison is not None and misreads_amplitudes(*self.comparison)
+        """Whether the first run is in another unit or on another axis than the reference, or lacks its lines."""
+        if self.comparison is None:
+            return False
+        return misreads_amplitudes(*self.comparison) or bool(self.lacking_in_band)
+
+    @property
+    def lacking_in_band(self) -> tuple[str, ...]:
+        """Sentences on main lines of the reference, in the limit's band, of which the first run has far too
+        little; empty where it has of all lines.
+        """
+        curve = None if self.limit is None else self.limit.loads.get(self.channel, self.limit.curve)
+        if self.comparison is None or curve is None or misreads_amplitudes(*self.comparison):
+            return ()
+        return lacking_within(*self.comparison, curve.low, curve.high)
 
     @property
     def run_warnings(self) -> tuple[str, ...]:

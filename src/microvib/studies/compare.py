@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, get_args
 
@@ -41,6 +41,7 @@ from microvib.studies.misreading import (
     is_of_units,
     lacking_lines,
     other_axis,
+    rolled_off_lines,
     scale_in_words,
     unit_of_lacking,
 )
@@ -62,6 +63,10 @@ FREQUENCY_TOLERANCE = 1e-4
 three uncertainties.
 """
 _MOST_NAMED = 4
+_WHY_ALL_LACK = "was the drive running, and are channel, unit of measure and gain right?"
+_WHY_BAND_LACKS = (
+    "does a filter in the chain or its passband hold them back (response of the preparation file)?"
+)
 
 
 @dataclass(frozen=True)
@@ -162,6 +167,15 @@ class Row:
         if spread > 0.0:
             return abs(self.b.amplitude - self.a.amplitude) / spread
         return math.nan
+
+    @property
+    def places(self) -> list[float]:
+        """Frequencies [Hz] of the line on the sides that have it."""
+        return [x.place for x in (self.a, self.b) if math.isfinite(x.place)]
+
+    def is_within(self, low: float, high: float) -> bool:
+        """Whether the line is in a band [Hz], by either side's frequency."""
+        return any(within_band(f, low, high) for f in self.places)
 
     @property
     def steady(self) -> bool:
@@ -284,10 +298,9 @@ def _in_bands(rows: list[Row], bands: Sequence[Band]) -> list[Row]:
     ends = [band(given) for given in bands]
     if not ends:
         return rows
-    at = {r.line: [x.place for x in (r.a, r.b) if math.isfinite(x.place)] for r in rows}
-    kept = [r for r in rows if any(within_band(f, *pair) for f in at[r.line] for pair in ends)]
+    kept = [r for r in rows if any(r.is_within(*pair) for pair in ends)]
     if not kept:
-        every = sorted(f for each in at.values() for f in each)
+        every = sorted(f for r in rows for f in r.places)
         if every:
             where = f"lines are from {every[0]:.4g} to {every[-1]:.4g} Hz"
         else:
@@ -316,7 +329,9 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
         factor, taken, unit = scale_in_words(sign * scale).rstrip(",").partition(", as in ")
         what.append(factor)
         why = f"{taken}{unit}{_followers(ratios)}"
-    told = () if scale else tuple(_lacking_in_words(*each) for each in lacking.items())
+    told = (
+        () if scale else tuple(f"{_lacking_in_words(*x)}: {_WHY_ALL_LACK}" for x in lacking.items())
+    )
     if not (said := " and ".join(filter(None, what))):
         return told
     checked = recorded.name
@@ -324,6 +339,22 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
         checked = "both recordings"
     like = f"{mark} {said} would be like {'B' if mark == 'A' else 'A'}{why}"
     return (f"{like}: check order, sign and unit of {checked}.", *told)
+
+
+def lacking_within(
+    a: Side, b: Side, rows: Sequence[Row], low: float, high: float
+) -> tuple[str, ...]:
+    """Sentences on a side that is a record with far too little of all main lines of the other from ``low`` to
+    ``high`` [Hz], or of those from some frequency up, as behind a low-pass; empty where it has enough.
+    """
+    inside = [r for r in rows if r.is_within(low, high)]
+    where = f"from {low:.4g} Hz" + (f" to {high:.4g} Hz" if math.isfinite(high) else "")
+    if lacking := _lacking(a, b, inside):
+        told = [f"{where} {_lacking_in_words(*x)}" for x in lacking.items()]
+    else:
+        rolled_off = _lacking(a, b, inside, rolled_off_lines)
+        told = [f"{where} {_rolled_off_in_words(*x)}" for x in rolled_off.items()]
+    return tuple(f"{sentence}: {_WHY_BAND_LACKS}" for sentence in told)
 
 
 def misreads_amplitudes(a: Side, b: Side, rows: Sequence[Row]) -> bool:
@@ -335,19 +366,26 @@ def misreads_amplitudes(a: Side, b: Side, rows: Sequence[Row]) -> bool:
     return bool(_lacking(a, b, rows))
 
 
-def _lacking(a: Side, b: Side, rows: Sequence[Row]) -> dict[str, tuple[ShownLine, ...]]:
-    """Main lines of the other side of which a recording has far too little, by the recording's mark; nothing
-    where it has enough of one.
+def _lacking(
+    a: Side,
+    b: Side,
+    rows: Sequence[Row],
+    of: Callable[[Sequence[ShownLine]], tuple[ShownLine, ...]] = lacking_lines,
+) -> dict[str, tuple[ShownLine, ...]]:
+    """Main lines of the other side of which a recording has far too little, by the recording's mark; ``of``
+    tells which: all, nothing where it has enough of one, or those behind a low-pass.
     """
     pairs = {"A": (a, [(r, r.a, r.b) for r in rows]), "B": (b, [(r, r.b, r.a) for r in rows])}
     found = {}
     for mark, (side, lines) in pairs.items():
         shown = [
-            ShownLine(r.line, there.amplitude, own.amplitude, own.uncertainty, own.seen)
+            ShownLine(
+                r.line, there.amplitude, own.amplitude, own.uncertainty, own.seen, there.place
+            )
             for r, own, there in lines
             if r.usable and _lasts(there) and not own.decay and own.amplitude > 0.0
         ]
-        if side.kind == "recording" and (lacking := lacking_lines(shown)):
+        if side.kind == "recording" and (lacking := of(shown)):
             found[mark] = lacking
     return found
 
@@ -360,7 +398,14 @@ def _lacking_in_words(mark: str, lines: Sequence[ShownLine]) -> str:
     what = f"{mark} shows none of the main lines of {other}"
     if any(x.seen for x in lines):
         what = f"{mark} has far less than {other} of every main line that its noise does not hide"
-    return f"{what} ({names}{more}): was the drive running, and are channel, unit of measure and gain right?"
+    return f"{what} ({names}{more})"
+
+
+def _rolled_off_in_words(mark: str, lines: Sequence[ShownLine]) -> str:
+    """A sentence on main lines of which a recording has the less the higher they are."""
+    other = "B" if mark == "A" else "A"
+    names = ", ".join(x.in_words for x in sorted(lines, key=lambda x: x.frequency)[:_MOST_NAMED])
+    return f"{mark} has far less than {other} of its upper main lines, and the less the higher they are ({names})"
 
 
 def _log_ratios(rows: Sequence[Row]) -> Ratios:

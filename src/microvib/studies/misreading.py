@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -59,6 +60,10 @@ and where none of these lines stands above its floor. A drive that was made quie
 """
 MAIN_LINES = 0.1
 """Amplitude over the largest's from which a line is a main one: smaller ones may be other machines'."""
+MIN_ROLL_OFF = 0.75
+"""Power of the frequency with which a record's part of lines falls behind a low-pass; well beyond its corner
+it is 1 for one of first order.
+"""
 SIGMAS = 3.0
 """Standard uncertainties within which an estimate is expected; noise alone exceeds them in 1 of 90 lines."""
 
@@ -247,6 +252,8 @@ class ShownLine:
     """Its standard uncertainty."""
     seen: bool
     """Whether it is above the record's floor."""
+    frequency: float = math.nan
+    """[Hz]."""
 
     @property
     def in_words(self) -> str:
@@ -280,14 +287,50 @@ def lacking_lines(lines: Sequence[ShownLine]) -> tuple[ShownLine, ...]:
     One line may be far smaller than expected, all of them together are not of a drive that runs: its unit,
     gain or channel may be another. Lines that noise would hide say nothing.
     """
-    largest = max((x.expected for x in lines), default=0.0)
-    main = [x for x in lines if x.expected >= MAIN_LINES * largest]
+    main = _main_lines(lines)
     quiet = not any(x.seen for x in main)
-    factor = LACKING_UNSEEN if quiet else LACKING
-    telling = [x for x in main if x.seen or x.expected > factor * SIGMAS * x.uncertainty]
-    if any(x.least(quiet) * factor > x.expected for x in telling):
+    telling = _telling(main, quiet)
+    if any(_has_enough(x, quiet) for x in telling):
         return ()
     return tuple(sorted(telling, key=lambda x: -x.expected))
+
+
+def _main_lines(lines: Sequence[ShownLine]) -> list[ShownLine]:
+    largest = max((x.expected for x in lines), default=0.0)
+    return [x for x in lines if x.expected >= MAIN_LINES * largest]
+
+
+def _telling(lines: Sequence[ShownLine], quiet: bool) -> list[ShownLine]:
+    """Lines that noise would not hide; ``quiet`` where it hides all."""
+    factor = LACKING_UNSEEN if quiet else LACKING
+    return [x for x in lines if x.seen or x.expected > factor * SIGMAS * x.uncertainty]
+
+
+def _has_enough(line: ShownLine, quiet: bool) -> bool:
+    """Whether a record does not fall far short of a line; ``quiet`` where noise hides all."""
+    factor = LACKING_UNSEEN if quiet else LACKING
+    return line.least(quiet) * factor > line.expected
+
+
+def rolled_off_lines(lines: Sequence[ShownLine]) -> tuple[ShownLine, ...]:
+    """Main lines from some frequency up of which a record has far too little, and the less the higher they
+    are, as behind a low-pass; the largest first. Nothing of one line alone, nor where they are smaller by a
+    factor in common, as of a quieter drive.
+    """
+    telling = sorted(_telling(_main_lines(lines), False), key=lambda x: -x.frequency)
+    lacking = list(takewhile(lambda x: not _has_enough(x, False), telling))
+    seen = [x for x in lacking if x.seen and x.amplitude > 0.0]
+    if len(seen) < 2:
+        return ()
+    octaves = math.log(seen[0].frequency / seen[-1].frequency)
+    fall = math.log(_part(seen[-1]) / _part(seen[0]))
+    if octaves < SAME_PLACE or fall < MIN_ROLL_OFF * octaves:
+        return ()
+    return tuple(sorted(lacking, key=lambda x: -x.expected))
+
+
+def _part(line: ShownLine) -> float:
+    return line.amplitude / line.expected
 
 
 def unit_of_lacking(lines: Sequence[ShownLine]) -> float:

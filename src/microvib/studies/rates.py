@@ -22,6 +22,7 @@ from microvib.analysis.margins import (
     frequency_error_bound,
 )
 from microvib.analysis.noise import NOISE, changed_line_bounds, noise_bounds, noise_of_record
+from microvib.analysis.other_states import slipping_reason, stirring
 from microvib.analysis.start import (
     RecordGap,
     mode_has_decayed,
@@ -58,6 +59,7 @@ from microvib.model.linear import (
     linear_lines,
     matrices,
 )
+from microvib.model.other_hinge import OtherHinge, other_hinge
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.turning import decay_in_motion, parametric_resonances
@@ -85,6 +87,8 @@ plan looks for parametric resonance.
 """
 MOST_ELECTRICAL_ORDERS = 16
 """Largest lines of a driver's errors that a plan takes to modes, up to as many driving lines."""
+_RAISED = 2.0
+"""Times that a mode of another state of the other wing's hinge raises a line that a plan looks at."""
 MAX_RESONANCE_DAMPING = 0.2
 """Damping ratio above which a resonance of the drive can be ignored."""
 FULL_STEPS = 4
@@ -112,6 +116,9 @@ PART_OF_TIME = (
 _IN_PIECES = "a line of a part of the time"
 STEP_OF_LIMIT = (
     "not judged: a line stands where the limit changes, within what its frequency is known to"
+)
+OTHER_STATE = (
+    "not judged: a line is above the limit in one state of the other wing's hinge, not in another"
 )
 RECORD_GAP = "not judged: the record does not show all lines of tracking"
 BEYOND_LINEAR_MODEL = (
@@ -144,6 +151,25 @@ class RateLine:
     (``microvib.analysis.spread``)."""
     away: float = 0.0
     """How far from its frequency [Hz] another line may lie that it stands for."""
+    ratios: tuple[float, float] = (1.0, 1.0)
+    """Least and largest amplitude over its own, over the states of the other wing's hinge."""
+    stirred: float = 0.0
+    """Change of it there, at most, by the changes of others [N m]."""
+
+    @property
+    def raised(self) -> float:
+        """The amplitude to which the hinge raises it at most [N m]."""
+        return self.amplitude * self.ratios[1]
+
+    @property
+    def most(self) -> float:
+        """The largest amplitude that it may have in any of these states [N m]."""
+        return self.raised + self.stirred
+
+    @property
+    def least(self) -> float:
+        """The least [N m]."""
+        return max(self.amplitude * self.ratios[0] - self.stirred, 0.0)
 
     if not TYPE_CHECKING:
 
@@ -179,6 +205,8 @@ class RateCase:
     """Lines of which nothing is seen, above ``shown``, with what they may have at most."""
     gap: RecordGap | None = None
     """Reason why its record does not show all lines of tracking."""
+    hinge: str = ""
+    """States of the other wing's hinge, in which lines differ, and what to do; empty without one."""
 
     @property
     def failed(self) -> bool:
@@ -223,8 +251,8 @@ class RateCase:
             return PART_OF_TIME if hidden.name == _IN_PIECES else HIDDEN_LINE
         if self.gap is not None:
             return RECORD_GAP
-        if _exceeds(self.largest(band, limit=curve), curve):
-            return STEP_OF_LIMIT
+        if why := self._above_in_some(curve):
+            return why
         if not any(np.any(one.may_exceed(curve)) for one in self.unseen_in(band, curve)):
             return ""
         if self.shown > 0.0:
@@ -235,7 +263,21 @@ class RateCase:
         """Whether a line is above the most lenient limit within its frequency uncertainty."""
         inside = _lines_within(self.lines, curve)
         lenient = curve.most_lenient(*_ranges(inside))
-        return bool(np.any(_amplitudes(inside) > overstated * lenient))
+        least = np.array([line.least for line in inside], dtype=float)
+        return bool(np.any(least > overstated * lenient))
+
+    def _above_in_some(self, curve: LimitCurve) -> str:
+        """Why a line is not certainly above a curve, and not below it either; empty without one."""
+        if any(line.least > _allowed(line, curve) for line in _lines_within(self.lines, curve)):
+            return STEP_OF_LIMIT
+        return OTHER_STATE if _exceeds(self.largest_in_states(curve), curve) else ""
+
+    def largest_in_states(self, curve: LimitCurve) -> RateLine | None:
+        """The line that is largest beside a curve in any state of the other wing's hinge, with its
+        amplitude there; None without one.
+        """
+        inside = [replace(x, amplitude=x.most) for x in _lines_within(self.lines, curve)]
+        return _nearest_to(inside, curve)
 
     def unseen_in(
         self, band: tuple[float, float], limit: float | LimitCurve | None = None
@@ -696,7 +738,7 @@ def _refine(
 def _part(case: RateCase, band: tuple[float, float], limit: float | LimitCurve) -> float:
     """Part of a limit that the largest line of a case in the band has, 0 without one."""
     curve = _curve_in(limit, band)
-    line = case.largest(band, limit=curve)
+    line = case.largest_in_states(curve)
     return 0.0 if line is None else line.amplitude / _allowed(line, curve)
 
 
@@ -722,11 +764,8 @@ def _swept_modes(
     How large a line is on the mode follows from what it is at the neighbouring rate and from the
     linearised drive's response at both frequencies.
     """
-    modes = [mode for mode in coupled_modes(scenario) if _may_resonate(mode)]
-    if not modes:
-        return
+    modes, on_modes = _modes_and_responses(scenario)
     ordered = sorted(cases, key=lambda case: (case.microsteps, case.rate))
-    on_modes = _responses(scenario, [mode.frequency for mode in modes])
     expected = {id(case): _Expected.of(case, scenario) for case in ordered}
     seen = set[tuple[int, str, float]]()
     for a, b in pairwise(ordered):
@@ -743,6 +782,17 @@ def _swept_modes(
                     seen.add(key)
                     examined = _rates_to_examine(mode.frequency / order, mode)
                     yield _SweptMode(a.microsteps, order, mode, examined)
+
+
+def _modes_and_responses(scenario: Scenario) -> tuple[list[CoupledMode], np.ndarray]:
+    """Modes that may resonate in any state of another wing's hinge, and T_d by a torque of 1 on the rotor at
+    each, (m,).
+    """
+    known, hinge = coupled_modes(scenario), other_hinge(scenario)
+    modes = [mode for mode in (*known, *_modes_of_hinge(hinge, known)) if _may_resonate(mode)]
+    at = np.array([mode.frequency for mode in modes])
+    raised = np.ones(at.size) if hinge is None else hinge.ratios(at, at)[1]
+    return modes, raised * (_responses(scenario, at) if modes else 1.0)
 
 
 class _Expected(NamedTuple):
@@ -812,14 +862,14 @@ def _swept_resonances(
         ]
         if not there:
             continue
-        line, case = max(there, key=lambda item: item[0].amplitude)
-        if _may_matter(line, case, limit, band):
+        line, case = max(there, key=lambda item: item[0].raised)
+        if _may_matter(replace(line, amplitude=line.raised), case, limit, band):
             f = one.mode.frequency
             yield Resonance(
                 one.microsteps,
                 case.rate,
                 line.frequency,
-                line.amplitude,
+                line.raised,
                 line.name,
                 one.mode.name,
                 f,
@@ -897,13 +947,56 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = F
     changed = _case_at(scenario, rate, microsteps)
     if isinstance(changed, RateCase):
         return changed
-    first = _full_case(changed, rate, microsteps, confirmed)
+    first = _in_other_states(_full_case(changed, rate, microsteps, confirmed), other_hinge(changed))
+    first = _if_it_slips(first, changed)
     other = changed.driven_wing
     if other is None:
         return first
     if other.rate == 0.0:
         return replace(first, gap=first.gap or unseen_rates_gap(other.alone))
-    return _combine_drives(first, _full_case(other.alone, rate, microsteps, confirmed))
+    second = _full_case(other.alone, rate, microsteps, confirmed)
+    return _combine_drives(first, _in_other_states(second, other_hinge(other, first=False)))
+
+
+def _in_other_states(case: RateCase, hinge: OtherHinge | None) -> RateCase:
+    """A case with what its lines may be in other states of the other wing's ``hinge``; what is hidden
+    or bounded by a model is as large as it may be there.
+    """
+    if hinge is None or case.failed:
+        return case
+    lines = _with_ratios(case.lines, hinge)
+    stirred = max((x.stirred for x in lines), default=0.0)
+    of_hidden = _with_ratios(case.hidden, hinge)
+    hidden = (
+        replace(x, amplitude=x.raised + stirred, ratios=(1.0, 1.0), stirred=0.0) for x in of_hidden
+    )
+    unseen = case.unseen
+    if case.shown == 0.0:  # above a passband the hinge changes next to nothing
+        unseen = tuple(
+            replace(x, most=x.most * hinge.ratios(x.frequency, x.frequency)[1]) for x in unseen
+        )
+    return replace(case, lines=lines, hidden=tuple(hidden), unseen=unseen, hinge=hinge.gap)
+
+
+def _if_it_slips(case: RateCase, changed: Scenario) -> RateCase:
+    """A case whose lines decide nothing where a second wing's shaft that is locked may slip."""
+    at, _ = _places(case.lines)
+    why = slipping_reason(changed, at.tolist(), _amplitudes(case.lines))
+    if case.failed or not why:
+        return case
+    return replace(case, gap=RecordGap(why, turns=True, overstated=math.inf))
+
+
+def _with_ratios(lines: Sequence[RateLine], hinge: OtherHinge) -> tuple[RateLine, ...]:
+    """Lines with their ratios within the uncertainty of their frequencies."""
+    f, reach = _places(lines)
+    near = np.where(np.isfinite(reach), reach, 0.0)
+    ratios = hinge.ratios(f - near, f + near)
+    beside = stirring(_amplitudes(lines), ratios)
+    return tuple(
+        replace(line, ratios=(float(a), float(b)), stirred=float(c))
+        for line, a, b, c in zip(lines, *ratios, beside, strict=True)
+    )
 
 
 def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) -> RateCase:
@@ -1054,12 +1147,15 @@ def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool =
     changed = _case_at(scenario, rate, microsteps)
     if isinstance(changed, RateCase):
         return changed
-    first, other = _linear_case(changed, rate, microsteps), changed.driven_wing
+    first = _in_other_states(_linear_case(changed, rate, microsteps), other_hinge(changed))
+    first = _if_it_slips(first, changed)
+    other = changed.driven_wing
     if other is None:
         return first
     if other.rate == 0.0:
         return replace(first, gap=unseen_rates_gap(other.alone))
-    return _combine_drives(first, _linear_case(other.alone, rate, microsteps))
+    second = _linear_case(other.alone, rate, microsteps)
+    return _combine_drives(first, _in_other_states(second, other_hinge(other, first=False)))
 
 
 def _linear_case(changed: Scenario, rate: Si, microsteps: int) -> RateCase:
@@ -1150,6 +1246,7 @@ def _combine_drives(first: RateCase, second: RateCase) -> RateCase:
             *(replace(x, what=f"{SECOND_DRIVE}, {x.what}") for x in second.unseen),
         ),
         gap=first.gap or second.gap,
+        hinge=first.hinge or second.hinge,
     )
 
 
@@ -1188,7 +1285,8 @@ def _resonance_crossings(
     """Rates within a range at which lines of either drive meet a mode."""
     slowest = at_rate(scenario, Si(span[0]), microsteps)
     modes = coupled_modes(scenario)
-    yield from _crossings_of_drive(slowest.alone, microsteps, span, modes, "")
+    beside = _modes_of_hinge(other_hinge(slowest), modes)
+    yield from _crossings_of_drive(slowest.alone, microsteps, span, (*modes, *beside), "")
     second = slowest.driven_wing
     if second is None or not second.rate or _second_has_own_rate(scenario):
         return
@@ -1196,7 +1294,16 @@ def _resonance_crossings(
     if len(own) == len(modes):  # the same modes, by the names that they have on the first drive
         ours, theirs = (sorted(each, key=lambda m: m.frequency) for each in (modes, own))
         own = tuple(replace(b, name=a.name) for a, b in zip(ours, theirs, strict=True))
-    yield from _crossings_of_drive(second.alone, microsteps, span, own, f"{SECOND_DRIVE} ")
+    beside = _modes_of_hinge(other_hinge(second, first=False), own)
+    theirs_too = (*own, *beside)
+    yield from _crossings_of_drive(second.alone, microsteps, span, theirs_too, f"{SECOND_DRIVE} ")
+
+
+def _modes_of_hinge(
+    hinge: OtherHinge | None, known: Sequence[CoupledMode]
+) -> tuple[CoupledMode, ...]:
+    """Modes of a craft in other states of the other wing's hinge that raise a line."""
+    return () if hinge is None else tuple(hinge.modes(known, _RAISED))
 
 
 def _second_has_own_rate(scenario: Scenario) -> bool:
@@ -1320,13 +1427,13 @@ def _strongest_crossing(meeting: Resonance, cases: Sequence[RateCase]) -> Resona
         if all(case.failed for case in cases):
             return meeting
         return None
-    line, rate = max(found, key=lambda item: item[0].amplitude)
-    return replace(meeting, rate=rate, frequency=line.frequency, amplitude=line.amplitude)
+    line, rate = max(found, key=lambda item: item[0].raised)
+    return replace(meeting, rate=rate, frequency=line.frequency, amplitude=line.raised)
 
 
 def _significant_lines(case: RateCase) -> list[RateLine]:
-    top = max((x.amplitude for x in case.lines), default=0.0)
-    return [x for x in case.lines if x.amplitude >= MIN_RESONANCE_RATIO * top]
+    top = max((x.raised for x in case.lines), default=0.0)
+    return [x for x in case.lines if x.raised >= MIN_RESONANCE_RATIO * top]
 
 
 def _unconfirmed_cases(cases: Iterable[RateCase], band: tuple[float, float]) -> list[RateCase]:
@@ -1382,22 +1489,30 @@ def _forbidden_band(
     why = cases[0].verdict(band, limit)
     if why in (ABOVE_PASSBAND, BEYOND_LINEAR_MODEL):
         each = [case.largest_unseen(band, limit) for case in cases]
+    elif why == OTHER_STATE:
+        each = [case.largest_in_states(_curve_in(limit, band)) for case in cases]
     else:
         each = [case.largest(band, why in (HIDDEN_LINE, PART_OF_TIME), limit) for case in cases]
     found = [line for line in each if line is not None]
     curve = _curve_in(limit, band)
     top = _nearest_to(found, curve)
-    if why == "failed":
-        why = cases[0].reason
-    elif why == RECORD_GAP:
-        slowest = next(case.gap for case in cases if case.gap is not None)
-        why = f"not judged: {slowest.why}"
-    elif why == ABOVE_PASSBAND:
+    why = _with_remedy(why, cases)
+    if why == ABOVE_PASSBAND:
         such = f", such as {top.name}" if top else ""
         why = f"{why} ({_required_sample_rate(cases, band, limit)}){such}"
     if top is None:
         return Forbidden(cases[0].microsteps, low, high, math.nan, "", why)
     return Forbidden(cases[0].microsteps, low, high, top.amplitude, top.name, why)
+
+
+def _with_remedy(why: str, cases: Sequence[RateCase]) -> str:
+    """Verdict of cases in a row with its reason, as far as they have that."""
+    if why == "failed":
+        return cases[0].reason
+    if why == RECORD_GAP:
+        slowest = next(case.gap for case in cases if case.gap is not None)
+        return f"not judged: {slowest.why}"
+    return f"{why}: {cases[0].hinge}" if why == OTHER_STATE else why
 
 
 def _required_sample_rate(

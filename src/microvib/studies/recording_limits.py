@@ -14,10 +14,16 @@ from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.signals.limit_curve import Limit
+from microvib.signals.limit_curve import Limit, LimitCurve
 from microvib.signals.line_fit import with_background
 from microvib.signals.line_table import LineTable
-from microvib.studies.compare import compare, misread, misreads_amplitudes
+from microvib.studies.compare import (
+    Comparison,
+    compare,
+    lacking_within,
+    misread,
+    misreads_amplitudes,
+)
 from microvib.testdata.recording import Recording, require_usable_channel
 
 
@@ -79,23 +85,35 @@ def judge_recording(
         )
     table = lines_of_channel(source, channel, guide)
     judged = judge_channel(table, limit, channel if channel in COMPONENTS else "")
-    return replace(judged, gaps=(*judged.gaps, *misread_gaps(source, channel, guide)))
+    beside = beside_scenario(source, channel, guide)
+    curve = limit.loads.get(channel, limit.curve)
+    return replace(judged, gaps=(*judged.gaps, *misread_gaps(beside, curve)))
 
 
-def misread_gaps(source: Prepared, channel: str, scenario: Scenario | None) -> tuple[str, ...]:
-    """Why a torque about the drive axis is not what a limit is about: its lines are those of the scenario,
-    which is simulated, in another unit, those of another axis, or all far smaller. Empty for another load,
-    without a scenario, and where they cannot be compared.
+def beside_scenario(source: Prepared, channel: str, scenario: Scenario | None) -> Comparison | None:
+    """A torque about the drive axis beside the scenario, which is simulated; None for another load, without a
+    scenario, and where they cannot be compared.
     """
     if scenario is None or (channel in COMPONENTS and channel != f"M{scenario.array.drive_axis}"):
-        return ()
+        return None
     try:
-        found = compare(source, scenario, channel=channel)
+        return compare(source, scenario, channel=channel)
     except MicrovibError:
+        return None
+
+
+def misread_gaps(found: Comparison | None, curve: LimitCurve | None) -> tuple[str, ...]:
+    """Why a recording, compared with a scenario, is not what a limit's ``curve`` is about: its lines are those
+    of the scenario in another unit, those of another axis, or all far smaller, everywhere or in the curve's
+    band. Empty without a comparison.
+    """
+    if found is None:
         return ()
-    if not misreads_amplitudes(*found):
-        return ()
-    said = (sentence.rstrip(".?") for sentence in misread(*found))
+    if misreads_amplitudes(*found):
+        told = misread(*found)
+    else:
+        told = () if curve is None else lacking_within(*found, curve.low, curve.high)
+    said = (sentence.rstrip(".?") for sentence in told)
     return tuple(f"the recording (A) beside the scenario (B): {one}" for one in said)
 
 

@@ -27,6 +27,7 @@ from microvib.testdata.channels import (
     plain_load,
     yaml_quoted,
 )
+from microvib.testdata.clipping import find_plateaus, run_lengths
 from microvib.testdata.floors import raised_floors
 from microvib.testdata.force_table import LARGEST_BIAS, ForceTable, UnusableBand
 from microvib.text_tables import counted
@@ -38,6 +39,10 @@ OUTLIER = (
 GLITCH_RATIO = (
     10.0  # bend at a sample, over the largest of 999 in a thousand, from which it may stand alone
 )
+STRAIGHT_RUN = 16  # second differences of nothing in a row, from which a gap was filled
+STRAIGHT_RISE = 1e-3  # part of the range by which its ends are apart
+ROUNDING, ROUNDED_BEND = 1e-6, 1e-3
+"""Second difference that is none: over the largest sample, to six digits, and over those of the rest."""
 SMALL_PART = (
     0.01  # part of a component, or lever arm [m], that brings no faults or resonances along
 )
@@ -401,7 +406,7 @@ class Recording:
         if self.faults is not None:
             return self
         found = {
-            name: next(_in_samples(x[part], self.sample_rate), "")
+            name: next(_in_samples(x[part], self.sample_rate, self.units.get(name, "")), "")
             for name, x in self.channels.items()
         }
         single = {
@@ -656,7 +661,11 @@ def check_samples(recording: Recording, name: str) -> np.ndarray:
         recording,
         name,
         next(
-            chain(known, _broken(x, recording.sample_rate), _in_samples(x, recording.sample_rate)),
+            chain(
+                known,
+                _broken(x, recording.sample_rate),
+                _in_samples(x, recording.sample_rate, recording.units.get(name, "")),
+            ),
             "",
         ),
     )
@@ -676,7 +685,7 @@ def _faults(recording: Recording, name: str, x: np.ndarray, shortest: float) -> 
         yield f"reaches {measured}, beyond any instrument; the file is corrupt or its unit is wrong"
     if recording.duration < shortest:
         yield f"lasts {recording.duration:.4g} s; the lines asked for need {shortest:.4g} s"
-    yield from _in_samples(x, rate)
+    yield from _in_samples(x, rate, recording.units.get(name, ""))
 
 
 def _broken(x: np.ndarray, rate: float) -> Iterator[str]:
@@ -685,8 +694,8 @@ def _broken(x: np.ndarray, rate: float) -> Iterator[str]:
         yield f"has {bad.size} samples that are not numbers, the first at {bad[0] / rate:.4g} s"
 
 
-def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
-    """Faults of samples as they were read."""
+def _in_samples(x: np.ndarray, rate: float, unit: str = "") -> Iterator[str]:
+    """Faults of samples as they were read, in their ``unit``."""
     if x.size == 0:
         return
     yield from _broken(x, rate)
@@ -697,12 +706,40 @@ def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
     if usual > 0.0 and away[k] > OUTLIER * usual:
         times = f"{away[k] / usual:.1g} times as large as 99 % of its samples"
         yield f"is {x[k]:.4g} at {k / rate:.4g} s, {times}; a number in the file is broken"
-    clipped = _clipped(x)
-    if clipped:
-        yield f"is clipped: {clipped} samples in runs at its largest or smallest value, {x.max():.4g}"
-    dropped = int(np.max(_runs(np.diff(x) == 0.0), initial=0))
+    if plateaus := find_plateaus(x):
+        yield f"is clipped: {' and '.join(one.in_words(unit) for one in plateaus)}"
+    dropped = int(np.max(run_lengths(np.diff(x) == 0.0), initial=0))
     if dropped >= 8:
         yield f"repeats one value for {dropped + 1} samples; samples were dropped and held"
+    if straight := _straight_samples(x):
+        part = f"{100.0 * straight / x.size:.2g} % of its samples"
+        yield f"is exactly straight over {part}; samples were dropped and interpolated"
+
+
+def _straight_samples(x: np.ndarray) -> int:
+    """Number of samples in straight lines, with which gaps were filled: without the noise and the curvature that
+    the rest has, and between values apart. What is at rest may be straight of itself, and what is straight
+    nearly everywhere, such as a triangle without noise.
+    """
+    bend = np.abs(np.diff(x, 2))
+    rounding = ROUNDING * float(np.max(np.abs(x)))
+    if bend.size < STRAIGHT_RUN or (usual := float(np.quantile(bend, 0.95))) <= rounding:
+        return 0
+    flags = np.concatenate([[False], bend <= min(rounding, ROUNDED_BEND * usual), [False]])
+    edges = np.diff(flags.astype(int))
+    first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) + 2
+    long = last - first > STRAIGHT_RUN + 1
+    pieces = [x[a:b] for a, b in zip(first[long].tolist(), last[long].tolist(), strict=True)]
+    least = STRAIGHT_RISE * float(np.ptp(x))
+    return sum(y.size for y in pieces if _is_straight(y, rounding, least))
+
+
+def _is_straight(y: np.ndarray, rounding: float, least: float) -> bool:
+    """Whether samples ``y`` (n,) follow the line between the first and the last but for ``rounding``, and these
+    are ``least`` apart or more.
+    """
+    chord = np.linspace(y[0], y[-1], y.size)
+    return bool(abs(y[-1] - y[0]) > least and np.max(np.abs(y - chord)) <= rounding)
 
 
 def _find_glitches(x: np.ndarray, rate: float) -> str:
@@ -761,20 +798,3 @@ def _cycles_beyond_polynomial(order: int) -> float:
     whole = 0.5 + 0.25 * np.sin(2.0 * x) / x, 0.5 - 0.25 * np.sin(2.0 * x) / x
     taken = np.maximum(parts[::2].sum(axis=0) / whole[0], parts[1::2].sum(axis=0) / whole[1])
     return float(cycles[np.flatnonzero(taken > LARGEST_BIAS)[-1]])
-
-
-def _clipped(x: np.ndarray) -> int:
-    """Samples in runs of three or more at the largest or the smallest value; 0 unless there are
-    several such runs.
-    """
-    runs = np.concatenate([_runs(x == level) for level in (x.max(), x.min())])
-    long = runs[runs >= 3]
-    if long.size >= 2:
-        return int(long.sum())
-    return 0
-
-
-def _runs(flags: np.ndarray) -> np.ndarray:
-    """Lengths of the runs of what is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.view(np.int8), [0]])))
-    return edges[1::2] - edges[::2]

@@ -111,6 +111,7 @@ def judgement_data(judged: Judgement) -> dict[str, Any]:
     return {
         "verdict": judged.verdict,
         "not_judged": list(judged.all_gaps),
+        "assumption": judged.assumption,
         "curves": [
             {
                 "component": one.component or _TORQUE_NAME,

@@ -770,6 +770,17 @@ def counts_in_band(r: Requirement, frequency: np.ndarray) -> np.ndarray:
     return np.asarray(in_band(frequency, r.lowest, math.inf if r.highest is None else r.highest))
 
 
+def line_weights(r: Requirement, frequency: np.ndarray) -> np.ndarray:
+    """Weight of a line's amplitude at each ``frequency`` (k,) [Hz] in a requirement, (k,): 0 outside the band;
+    over what a curve allows [1/rad] where it has one.
+    """
+    if r.curve is not None:
+        weight = 1.0 / r.allowed.at(frequency)
+    else:
+        weight = np.sqrt(metric_weight(r.metric, frequency, _window(r), r.apart))
+    return np.where(counts_in_band(r, frequency), weight, 0.0)
+
+
 def _density_mean_square(r: Requirement, window: float, f: np.ndarray, S: np.ndarray) -> float:
     grid, values = _density_in_band(r, f, S)
     if grid.size < 2:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -158,6 +158,18 @@ class Sweep(Protocol):
         ...
 
 
+class SoughtLoads(NamedTuple):
+    """Loads of each line that was sought in a recording, below its floors or not."""
+
+    names: tuple[str, ...]
+    frequency: np.ndarray
+    """[Hz], (k,)."""
+    amplitude: np.ndarray
+    """In the array's axes, (k, 6) [N, N m]."""
+    floors: np.ndarray
+    """Floors of the amplitudes, (k, 6)."""
+
+
 @dataclass(frozen=True)
 class Contribution:
     """Contribution of one source to the line of sight: lines, complex and 0-to-peak, and a one-sided
@@ -224,6 +236,8 @@ class Contribution:
     """Recorded loads of its lines on a fixed base, complex, and floors of their amplitudes, in the
     array's axes, (k, 6) [N, N m].
     """
+    sought: SoughtLoads | None = None
+    """Recorded loads of all lines that its status does not leave open, also of those that the floor hides."""
     alternatives: tuple[Contribution, ...] = ()
     """Where it is one of several, such as speeds of a wheel, all of them; the one that costs most
     counts.
@@ -889,7 +903,7 @@ def contribution_of_recording(
     turn, f = rotation_to_hub_axes(scenario), np.array([x.frequency for x in expected])
     los = blocked_load_method(scenario, f, loads @ turn.T).los
     assert los is not None
-    by_each = _line_of_sight_by_load(scenario, f, turn)
+    by_each = line_of_sight_by_load(scenario, f, turn)
     noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, floors**2))
     most = np.einsum("jka,kj->ka", by_each, np.abs(loads)) + noise
     known = np.all(np.isfinite(los), axis=1)
@@ -939,6 +953,12 @@ def contribution_of_recording(
         scenario=scenario,
         recording=recording.title or "without a title",
         recorded=(loads[kept], floors[kept]),
+        sought=SoughtLoads(
+            tuple(expected[k].name for k in np.flatnonzero(kept | faint)),
+            f[kept | faint],
+            np.abs(loads[kept | faint]),
+            floors[kept | faint],
+        ),
     )
 
 
@@ -947,7 +967,7 @@ def _higher_orders_gap(
 ) -> Iterator[Unobserved]:
     """The gap of orders of a recording that are not listed and that no excess shows."""
     found = higher_orders(scenario, recording, tables, clock_ratio)
-    by_each = _line_of_sight_by_load(scenario, found.frequency, rotation_to_hub_axes(scenario))
+    by_each = line_of_sight_by_load(scenario, found.frequency, rotation_to_hub_axes(scenario))
     noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, found.noise**2))
     most = np.einsum("jka,kj->ka", by_each, found.amplitude) + noise
     known = np.all(np.isfinite(most), axis=1)
@@ -976,7 +996,7 @@ def recording_at_angle(measured: Contribution, scenario: Scenario) -> Contributi
     )
 
 
-def _line_of_sight_by_load(scenario: Scenario, f: np.ndarray, turn: np.ndarray) -> np.ndarray:
+def line_of_sight_by_load(scenario: Scenario, f: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Amplitudes of the line of sight by one of each load in the array's axes, (6, k, 2)."""
     by_one = (
         blocked_load_method(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T

@@ -16,7 +16,6 @@ from microvib.analysis.margins import Verdict, frequency_error_bound, worst_verd
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.analysis.short_way import (
-    BlockedLines,
     Difference,
     blocked_load_solution,
     method_differences,
@@ -25,11 +24,9 @@ from microvib.analysis.start import steady_state_fallback_note
 from microvib.analysis.sticking import sticking_of
 from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list, quoted_value
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
-from microvib.model.coupling import blocked_load_method as short_way_of_loads
-from microvib.model.coupling import require_craft, rotation_to_hub_axes, source_of
+from microvib.model.coupling import require_craft, source_of
 from microvib.model.drive_states import MAY_STICK, SLIDES, Sticking
 from microvib.model.line_names import SECOND_DRIVE, is_unlisted
-from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
@@ -55,6 +52,7 @@ from microvib.studies.budget.files import (
     group_errors,
     read_file,
 )
+from microvib.studies.budget.load_check import ComparedLoads, compare_loads, with_load_check
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import (
@@ -258,6 +256,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     sticking = _sticking(runs, drives, ensemble)
     beside = _other_contributions(sources, whole, sticking, files)
     compared: tuple[Difference, ...] = ()
+    loads: ComparedLoads | None = None
     if short_way or measured is not None:
         blocked, by_blocked_loads = blocked_load_solution(
             drives[0].scenario, harmonics=harmonics, progress=progress
@@ -268,7 +267,8 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
         for run, drive in zip(runs, drives, strict=True)
     ]
     if measured is not None:
-        found[0] = with_load_check(with_method_error(measured, compared), blocked)
+        loads = compare_loads(measured, blocked)
+        found[0] = with_load_check(with_method_error(measured, compared), loads)
         found[0] = with_side_lines_of_recording(found[0], whole)
     if ensemble is not None:
         if two:
@@ -287,7 +287,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
         rule,
         tuple(found),
         combine_lines(found, rule, with_errors=False),
-        _assessments(required, found, rule, without),
+        _assessments(required, found, rule, without, loads),
         tuple(_windows(first.scenario, found, rule)),
         compared if short_way else (),
         without_steady=tuple(_without_steady(runs, drives)),
@@ -386,12 +386,17 @@ def _assessments(
     contributions: Sequence[Contribution],
     rule: Rule,
     without: Sequence[str],
+    loads: ComparedLoads | None,
 ) -> tuple[Assessment, ...]:
-    """Every requirement judged; none where ``without`` says that nothing can be."""
+    """Every requirement judged; none where ``without`` says that nothing can be, or in whose band a
+    recording's ``loads`` are others than the scenario's.
+    """
     if required is None:
         return ()
+    unlike = [() if loads is None else loads.unlike_lines(one) for one in required.requirements]
     return tuple(
-        _undecided(assess(one, contributions, rule), without) for one in required.requirements
+        _undecided(assess(one, contributions, rule), (*without, *told))
+        for one, told in zip(required.requirements, unlike, strict=True)
     )
 
 
@@ -433,6 +438,11 @@ def _drives(
         if steady:
             scenario = scenario.with_({"record.start": "steady"})
         _check_craft(name, scenario, found)
+        if scenario.second_is_locked:
+            raise MicrovibError(
+                f"{name}: spacecraft.second_wing.drive: locked is not taken by a budget, which looks at the"
+                " locked hinge beside the held one; use held"
+            )
         whole.append(scenario)
         found += _drives_of_craft(name, scenario, k)
     for drive, other_drive in _of_two_scenarios(found):
@@ -486,7 +496,7 @@ def _with_lacking(
 
 
 def _undecided(one: Assessment, why: Sequence[str]) -> Assessment:
-    """Assessment without verdict, where the spacecraft is not that of all drives."""
+    """Assessment without verdict, where there is a reason ``why``."""
     if not why:
         return one
     return replace(
@@ -580,74 +590,6 @@ def with_method_error(recorded: Contribution, compared: Sequence[Difference]) ->
     each = np.array([missed.get(name, most) for name in recorded.names])
     by_method = np.broadcast_to(each[:, None], recorded.relative_errors.shape)
     return replace(recorded, relative_error=both_errors(recorded.relative_errors, by_method))
-
-
-_MAX_LOAD_RATIO = 4.0
-"""Factor between a recording's loads and the scenario's own from which one of them is wrong;
-assumed. Friction, gains and the array seldom change the loads of all lines together by more."""
-_FACTORS = {
-    1e-6: "a spurious factor of one millionth in unit or scale",
-    1e-3: "N or N*m labelled as mN or mN*m",
-    1.0 / 9.80665: "kgf taken for N",
-    1.0 / 4.4482: "lbf taken for N",
-    1.0 / 8.8507: "N*m labelled as lbf*in",
-    4.4482: "N labelled as lbf",
-    8.8507: "lbf*in taken for N*m",
-    9.80665: "N labelled as kgf",
-    1e3: "mN or mN*m taken for N or N*m",
-    1e6: "uN or uN*m taken for N or N*m",
-}
-"""Ratios of a recording's loads to the scenario's where a unit is wrong, with the cause."""
-
-
-def with_load_check(recorded: Contribution, own: BlockedLines) -> Contribution:
-    """Lines of a recording, of which nothing is known where its loads are of another size than the
-    scenario's ``own``.
-
-    Channels are compared one by one over the lines that both have, those of which more than a tenth
-    of the line of sight's motion may come. A wrong unit or scale makes a verdict of any kind wrong,
-    so that nothing bounds these lines then, above or below.
-    """
-    scenario, lines = recorded.scenario, recorded.recorded
-    both = [
-        (k, own.names.index(name)) for k, name in enumerate(recorded.names) if name in own.names
-    ]
-    if scenario is None or lines is None or not both:
-        return recorded
-    mine, theirs = np.array(both).T
-    turn, f = rotation_to_hub_axes(scenario), recorded.frequency[mine]
-    each = np.array(
-        [short_way_of_loads(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T]
-    )
-    by_load = np.linalg.norm(
-        np.nan_to_num(each), axis=2
-    ).T  # (k, 6), of the line of sight by one of each load
-    amplitude, floor = np.abs(lines[0][mine]), lines[1][mine]
-    wanted = np.abs(own.loads[theirs] @ turn)
-    large, small, size = (
-        np.linalg.norm(by_load * x, axis=0)
-        for x in (np.maximum(amplitude - floor, 0.0), amplitude + floor, wanted)
-    )
-    counts = np.maximum(large, size) > 0.1 * np.max([large, size])
-    unlike = counts & ((large > _MAX_LOAD_RATIO * size) | (_MAX_LOAD_RATIO * small < size))
-    if not unlike.any():
-        return recorded
-    ratio = np.linalg.norm(by_load * amplitude, axis=0) / np.maximum(size, 1e-300)
-    told = ", ".join(f"{COMPONENTS[k]} {ratio[k]:.3g}" for k in np.flatnonzero(unlike))
-    whole = float(np.exp(np.mean(np.log(np.maximum(ratio[unlike], 1e-300)))))
-    near = min(_FACTORS, key=lambda factor: abs(math.log(factor / whole)))
-    explains = abs(math.log(near / whole)) < math.log(2.0)
-    if explains:
-        cause = f"a factor of {near:.4g} would explain it, {_FACTORS[near]}"
-    else:
-        cause = "check units, rate and array"
-    why = f"its lines in {told} times those of the scenario's own run ({cause})"
-    relative_error = recorded.relative_errors + np.array([1.0, 0.0])[:, None, None]
-    return replace(
-        recorded,
-        gaps=(*recorded.gaps, open_gap(why)),
-        relative_error=np.minimum(relative_error, [[[1.0]], [[math.inf]]]),
-    )
 
 
 def _unobserved_axes(scenario: Scenario) -> tuple[Unobserved, ...]:

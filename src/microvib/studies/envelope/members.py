@@ -17,8 +17,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from microvib.analysis.limits import SECOND_WING, judge, judge_channel
+from microvib.analysis.limits import judge, judge_channel
 from microvib.analysis.orders import lines_without_clock
+from microvib.analysis.other_states import SECOND_WING
 from microvib.analysis.run import RunResult, lines_of_second
 from microvib.analysis.spectra import samples_of
 from microvib.errors import ChannelError, MicrovibError
@@ -56,7 +57,7 @@ from microvib.studies.envelope.evidence import (
     evidence_of_table,
     judged_of,
 )
-from microvib.studies.recording_limits import lines_of_channel, misread_gaps
+from microvib.studies.recording_limits import beside_scenario, lines_of_channel, misread_gaps
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording, require_usable_channel
 
@@ -386,7 +387,7 @@ def _opened_recording(prepared: Prepared, reading: Reading) -> Opened:
         if expected and table.unit != expected:
             return Evidence.none(expected, f"{own} is in {table.unit}, and {expected} is expected")
         component = own if channel in COMPONENTS else ""
-        misread = cache(partial(misread_gaps, prepared, own, guide))
+        beside = cache(partial(beside_scenario, prepared, own, guide))
 
         def judged(curve: LimitCurve) -> Judged:
             if component:
@@ -394,7 +395,7 @@ def _opened_recording(prepared: Prepared, reading: Reading) -> Opened:
             else:
                 limit = Limit.of_curves(curve)
             found = judge_channel(table, limit, component)
-            found = replace(found, gaps=(*found.gaps, *misread()))
+            found = replace(found, gaps=(*found.gaps, *misread_gaps(beside(), curve)))
             return judged_of(found, [(table, None)], curve)
 
         return evidence_of_table(table, None, judged)
