@@ -32,6 +32,7 @@ from microvib.model.rigid import rigid_motion_at
 from microvib.model.spacecraft import SecondWing
 from microvib.reports.budget import budget_outcome, draw_budget, draw_cumulative
 from microvib.reports.outcome import study_contents, terminal_text
+from microvib.results import Table
 from microvib.signals.in_step import bases
 from microvib.signals.pointing import confidence_level_angle, metric_weight
 from microvib.signals.tones import HannSpectrum
@@ -1753,6 +1754,25 @@ def test_an_amplitude_that_is_not_between_its_bounds_is_refused(
         contribution_of_other(OtherSource(name="t", lines="l.csv"), craft, FileAccess(tmp_path))
 
 
+@pytest.mark.parametrize(
+    ("column", "bound", "says"),
+    [
+        ("los_x_most_rad", 5e-10, "is above 5e-10, the most of its row"),
+        ("los_x_least_rad", 5e-9, "is below 5e-09, the least of its row"),
+    ],
+)
+def test_an_amplitude_outside_of_its_only_bound_is_refused(
+    tmp_path: Path, column: str, bound: float, says: str
+) -> None:
+    craft = scenario_of(whole.FullCraft(bandwidth=0.2))
+    (tmp_path / "l.csv").write_text(
+        f"frequency_hz,los_x_rad,los_y_rad,{column}\n20,1e-9,1e-9,{bound}\n"
+    )
+    with pytest.raises(mv.MicrovibError) as raised:
+        contribution_of_other(OtherSource(name="t", lines="l.csv"), craft, FileAccess(tmp_path))
+    assert str(raised.value).endswith(f"row 2: los_x_rad 1e-09 {says}")
+
+
 def test_lines_and_densities_from_files(tmp_path: Path) -> None:
     full = whole.FullCraft(bandwidth=0.2)
     scenario = scenario_of(full)
@@ -1833,6 +1853,9 @@ def test_the_recording_of_a_force_table_goes_the_short_way() -> None:
     r = Requirements(requirements=[{"metric": "rpe", "window": "10 ms", "limit": "1 urad"}])
     table = pointing_budget(scenario, r, recording=recording)
     full_run = pointing_budget(scenario, r)
+    said = "Loads of drive 1 come from a recording on a force table (table), by the blocked-load method"
+    assert said in terminal_text(budget_outcome(table))
+    assert "recording" not in terminal_text(budget_outcome(full_run))
     assert table.judged[0].value == pytest.approx(full_run.judged[0].value, rel=0.01)
     easy = Requirements(
         requirements=[{"axis": "x", "limit": "1 urad", "lowest": "5 Hz", "highest": "300 Hz"}]
@@ -2354,9 +2377,12 @@ def test_a_budget_says_for_which_angle_it_holds_and_judges_the_worst() -> None:
         budget_outcome(both)
     )
     for k, one in enumerate(both.judged):
-        most = [x.judged[k].most for x in each]
-        assert one.most == pytest.approx(max(most))
+        for figure in ("value", "least", "most"):
+            of_all = [getattr(x.judged[k], figure) for x in each]
+            assert getattr(one, figure) == pytest.approx(max(of_all))
+        most, value = ([getattr(x.judged[k], key) for x in each] for key in ("most", "value"))
         assert one.angle == pytest.approx(math.radians(degrees[int(np.argmax(most))]))
+        assert one.value_angle == pytest.approx(math.radians(degrees[int(np.argmax(value))]))
     least, largest = (pick(x.judged[0].most for x in each) for pick in (min, max))
     limit = Requirements(
         requirements=[{"axis": "x", "limit": Si(math.sqrt(least * largest)), "highest": "60 Hz"}]
@@ -2366,6 +2392,68 @@ def test_a_budget_says_for_which_angle_it_holds_and_judges_the_worst() -> None:
     assert (
         budget_over_angles(scenario, limit, angles=[f"{x} deg" for x in degrees]).verdict != "pass"
     )
+
+
+@pytest.mark.parametrize("curve", [False, True])
+def test_figures_over_angles_are_each_the_worst(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, curve: bool
+) -> None:
+    """Where one angle has the largest value and another may have the most: both are told, with their
+    angles, and the margin is that of the largest value.
+    """
+    scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.start": "steady"})
+    given: dict[str, object] = {"axis": "x", "highest": "60 Hz", "limit": "1 rad"}
+    if curve:
+        points = [(1.0, 1e-3), (30.0, 1.0)]
+        del given["limit"]
+        given["curve"] = [{"frequency": Si(f), "amplitude": Si(size)} for f, size in points]
+    r = Requirements(requirements=[given])
+    real = pointing_budget(scenario, r)
+    limits = {
+        0.0: 1.0,
+        90.0: 0.5 if curve else 1.0,
+        180.0: 1.0,
+    }  # of a curve that of the worst line
+    found = {  # least, value, most
+        0.0: (0.1, 0.5, 0.6),
+        90.0: (0.05, 0.1, 0.45),
+        180.0: (0.2, 0.3, 0.8),
+    }
+
+    def judged(one: mv.Scenario, *args: object, **keys: object) -> Budget:
+        (there,) = one  # type: ignore[misc]
+        angle = math.degrees(there.spacecraft.array_angle)
+        least, value, most = found[round(angle)]
+        changed = replace(
+            real.judged[0], least=least, value=value, most=most, limit=limits[round(angle)],
+            verdict="pass", why=(),
+        )  # fmt: skip
+        return replace(real, scenario=there, judged=(changed,))
+
+    monkeypatch.setattr("microvib.studies.budget.angles.pointing_budget", judged)
+    both = budget_over_angles(scenario, r, angles=["0 deg", "90 deg", "180 deg"])
+    (one,) = both.judged
+    ratios = {x: [figure / limits[x] for figure in found[x]] for x in found}
+    assert (one.least, one.value, one.most) == pytest.approx(
+        tuple(one.limit * max(ratios[x][k] for x in found) for k in range(3))
+    )
+    assert one.margin == pytest.approx(2.0)
+    verdict_at, value_at = (90.0 if curve else 180.0), 0.0
+    assert both.angle_of(one) == pytest.approx(verdict_at)
+    assert both.angle_of_value(one) == pytest.approx(value_at)
+    outcome = budget_outcome(both)
+    text = terminal_text(outcome)
+    assert "angle of value" in text
+    assert f"pictures are those at {verdict_at:g}" in text
+    (row,) = summary(both)["requirements"]
+    assert (row["array_angle_deg"], row["value_angle_deg"]) == pytest.approx((verdict_at, value_at))
+    table = outcome.parts[0].items[0]
+    assert isinstance(table, Table)
+    in_file = table.records()[0]
+    assert in_file["value_rad"] == pytest.approx(one.value)
+    assert in_file["value_angle_deg"] == pytest.approx(value_at)
+    one_angle = pointing_budget(scenario, r)
+    assert "angle of value" not in terminal_text(budget_outcome(one_angle))
 
 
 @pytest.mark.release

@@ -35,6 +35,8 @@ MIN_FREQUENCY_WITHOUT_CONTROL = 0.05
 """Frequency [Hz] below which the lines of a hub without attitude control mean nothing, and are left
 out.
 """
+_ROUNDING = 1e-9
+"""Part by which a frequency may be a rounding off another."""
 _RESONANCE_OFFSETS = np.linspace(-30.0, 30.0, 241)
 """Frequencies about a resonance, in parts of its damping."""
 SEMIDEFINITE = 1e-6
@@ -167,6 +169,12 @@ class Receiver:
     second_root: np.ndarray | None = None
     """Motion of its interface point by the coordinates, (6, n)."""
 
+    def too_slow(self, frequency: np.ndarray) -> np.ndarray:
+        """Frequencies (...) [Hz] of which the motion means nothing; the lowest itself, but for a
+        rounding, is none.
+        """
+        return np.asarray(np.asarray(frequency) < self.lowest * (1.0 - _ROUNDING))
+
     def moved(self, frequency: np.ndarray, place: np.ndarray | None = None) -> np.ndarray:
         """Coordinates by loads at the interface at each frequency (m,) [Hz], (m, n, 6).
 
@@ -199,7 +207,7 @@ class Receiver:
         if self.los is None:
             return None
         found = np.asarray(self.los @ self.moved(frequency))
-        found[np.asarray(frequency) < self.lowest] = np.nan
+        found[self.too_slow(frequency)] = np.nan
         return found
 
 
@@ -290,7 +298,7 @@ def line_of_sight_transfer(
     seen = hub.transfer(f)
     assert seen is not None
     found = np.asarray(hub.los @ free - seen @ (mass @ a))
-    found[f < hub.lowest] = np.nan
+    found[hub.too_slow(f)] = np.nan
     return found
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from microvib.analysis.margins import Verdict
 from microvib.analysis.pointing import LEFT_OUT, TORQUE_SPREAD
 from microvib.analysis.start import start_sentence
+from microvib.model.coupling import require_craft
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import brief_number, count_text
@@ -73,6 +74,7 @@ class RequirementRow:
     p99: Annotated[float, Column("p99_rad", "P99", POINTING_ANGLE)]
     margin: Annotated[float, Column("margin_db", "margin", DECIBEL)]
     angle: Annotated[float, Column("array_angle_deg", "array angle", ARRAY_ANGLE)]
+    value_angle: Annotated[float, Column("value_angle_deg", "angle of value", ARRAY_ANGLE)]
     why: Annotated[str, Column("why")]
     verdict: Annotated[str, Column("verdict", "verdict", role="verdict")]
     requirement: Annotated[str, Column("requirement", "requirement")]
@@ -177,12 +179,23 @@ def _requirements(budget: Budget) -> Table:
     caption = "At most: with the worst phases, all lines that still ring, and allowances for bands that were not examined."
     if any(one.spread for one in budget.judged):
         caption += " Percentiles over a campaign."
-    shown = [_requirement_row(one, one.angle) for one in budget.judged]
-    in_file = [_requirement_row(one, math.radians(budget.angle_of(one))) for one in budget.judged]
+    several = bool(budget.angles)
+    differ = any(one.value_angle != one.angle for one in budget.judged)
+    if several:
+        caption += " Of all array angles the worst: verdict, value, at most and margin each."
+    if differ:
+        caption += " Array angle is that of the verdict; angle of value that of value, margin and contributors."
+    shown = [_requirement_row(budget, one, several, differ) for one in budget.judged]
+    in_file = [_requirement_row(budget, one, True, True) for one in budget.judged]
     return Table.of("budget", RequirementRow, in_file, for_readers=shown, caption=caption)
 
 
-def _requirement_row(one: Assessment, angle: float | None) -> RequirementRow:
+def _requirement_row(
+    budget: Budget, one: Assessment, with_angle: bool, with_value_angle: bool
+) -> RequirementRow:
+    """Row of a requirement, with the array angles of its verdict and of its value where they are asked
+    for.
+    """
     median, p95, p99 = one.spread or (NO_ESTIMATE,) * 3
     return RequirementRow(
         one.requirement.name,
@@ -197,7 +210,8 @@ def _requirement_row(one: Assessment, angle: float | None) -> RequirementRow:
         p95.value,
         p99.value,
         one.margin_db,
-        math.nan if angle is None else angle,
+        math.radians(budget.angle_of(one)) if with_angle else math.nan,
+        math.radians(budget.angle_of_value(one)) if with_value_angle else math.nan,
         "; ".join(one.why),
         one.verdict,
         one.requirement.text,
@@ -223,22 +237,35 @@ def reasons_not_judged(budget: Budget) -> list[str]:
 
 
 def _basis(budget: Budget) -> str:
-    """For which angles of the array the verdict holds and what to ask for the others, how lines
-    were added, who requires it, and which drives have no steady state, as sentences.
+    """How lines were added, which loads are recorded, who requires it, which drives have no steady
+    state, and for which angles of the array the verdict holds, as sentences.
     """
     if budget.angles:
-        angles = " ".join([f"Each is {budget.holds_at}.", *budget.notes])
+        at = ARRAY_ANGLE.figure(require_craft(budget.scenario).spacecraft.array_angle)
+        shown = f"Windows, cumulative rms, lines and pictures are those at {at}."
+        angles = " ".join([f"Each is {budget.holds_at}. {shown}", *budget.notes])
     else:
         angles = (
             f"This holds {budget.holds_at}; several angles, such as 0:330:30, or an orbit are judged at"
             " their worst where they are asked for."
         )
     said = [f"Lines of one frequency in several sources add {_RULES[budget.rule]}."]
+    said += _recordings(budget)
     said += _ranges(budget)
     if budget.requirements and budget.requirements.source:
         said += [f"Required by: {budget.requirements.source}."]
     said += filter(None, [start_sentence(budget.scenario)])
     return " ".join([*said, *budget.without_steady, angles])
+
+
+def _recordings(budget: Budget) -> Iterator[str]:
+    """Sentences on drives whose loads are recorded."""
+    for one in budget.contributions:
+        if one.recording:
+            yield (
+                f"Loads of {one.source} come from a recording on a force table ({one.recording}), by the"
+                " blocked-load method; a run of the scenario beside it gives the error of this method."
+            )
 
 
 def _ranges(budget: Budget) -> Iterator[str]:

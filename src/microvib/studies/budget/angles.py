@@ -206,26 +206,15 @@ def _worst(
     orbit: Orbit | None,
     worst: Sequence[WorstAngle | None],
 ) -> Budget:
-    """Angle with the worst verdict for each requirement, and of those the one with the largest
-    possible ratio to the limit.
-    """
-
-    def rank(one: Assessment) -> tuple[int, float, float]:
-        return (
-            _VERDICT_RANK[one.verdict],
-            _limit_ratio(one.most, one.limit),
-            _limit_ratio(one.value, one.limit),
-        )
-
+    """Budget of the angle that decides, with the worst of all angles for each requirement."""
     judged = []
     for number, rows in enumerate(zip(*(one.judged for one in found), strict=True)):
         if orbit is None:
             each = list(rows)
         else:
             each = [_with_what_lies_between(one, orbit, worst[number]) for one in rows]
-        k = max(range(len(each)), key=lambda k: rank(each[k]))
-        judged.append(replace(each[k], angle=float(angles[k])))
-    decides = max(judged, key=rank, default=None)
+        judged.append(_worst_assessment(each, angles.tolist()))
+    decides = max(judged, key=_rank, default=None)
     if decides is None:
         at = 0
     else:
@@ -240,6 +229,37 @@ def _worst(
         notes=notes,
     )
     return replace(whole, without_steady=without)
+
+
+def _rank(one: Assessment) -> tuple[int, float, float]:
+    """How bad an assessment is: its verdict first, then its figures over the limit."""
+    return (
+        _VERDICT_RANK[one.verdict],
+        _limit_ratio(one.most, one.limit),
+        _limit_ratio(one.value, one.limit),
+    )
+
+
+def _worst_assessment(each: Sequence[Assessment], angles: Sequence[float]) -> Assessment:
+    """A requirement at several ``angles`` [rad]: the worst verdict with its reasons and, each over all
+    angles, the largest value with what contributes to it, the largest least and the largest most.
+
+    Of a curve, whose limit is that at the worst line of each angle, figures count over it.
+    """
+    k = max(range(len(each)), key=lambda k: _rank(each[k]))
+    found = replace(each[k], angle=angles[k], value_angle=angles[k])
+    if math.isnan(found.value) or not found.limit > 0.0:
+        return found
+    j = max(range(len(each)), key=lambda j: (each[j].value / each[j].limit, j == k))
+    return replace(
+        each[j],
+        least=each[j].limit * max(one.least / one.limit for one in each),
+        most=each[j].limit * max(one.most / one.limit for one in each),
+        verdict=found.verdict,
+        why=found.why,
+        angle=found.angle,
+        value_angle=angles[j],
+    )
 
 
 def _limit_ratio(value: float, limit: float) -> float:

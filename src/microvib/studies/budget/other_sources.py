@@ -348,7 +348,9 @@ def _of_lines(
         open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k]))
         for k in np.flatnonzero(lost)
     )
-    gaps += low_frequency_gap(bool(np.isnan(tones[~lost]).any())) + _missing_axes_gap(rows, chosen)
+    gaps += _missing_axes_gap(rows, chosen)
+    if chosen == LOAD_COLUMNS:
+        gaps += low_frequency_gap(scenario, f[np.nan_to_num(sizes).any(axis=1)])
     left_out = list(dict.fromkeys(filter(None, (row.get(LEFT_OUT, "").strip() for row in rows))))
     gaps += tuple(open_gap(f"{path.name} leaves out: {said}") for said in left_out)
     if chosen == LOS_COLUMNS:
@@ -387,11 +389,19 @@ def _stated_bounds(
     least, most = np.split(ends, 2, axis=1)
     outside = (least > sizes * (1.0 + _SAME_DIGITS)) | (most < sizes * (1.0 - _SAME_DIGITS))
     for k, axis in np.argwhere(outside).tolist():
-        raise MicrovibError(
-            f"{path}, row {k + 2}: los_{AXES[axis]}_rad {sizes[k, axis]:g} is not between"
-            f" {least[k, axis]:g} and {most[k, axis]:g}, the least and the most of its row"
-        )
+        found = f"los_{AXES[axis]}_rad {sizes[k, axis]:g}"
+        why = _outside_of(least[k, axis], most[k, axis])
+        raise MicrovibError(f"{path}, row {k + 2}: {found} is {why} of its row")
     return least, most
+
+
+def _outside_of(least: float, most: float) -> str:
+    """How an amplitude is outside of its bounds, of which one may be nan, in words."""
+    if math.isnan(least):
+        return f"above {most:g}, the most"
+    if math.isnan(most):
+        return f"below {least:g}, the least"
+    return f"not between {least:g} and {most:g}, the least and the most"
 
 
 def _stated_errors(sizes: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
@@ -477,9 +487,9 @@ def _of_density(
         if states is not None:
             near += [f + width * _OFFSETS for f, width in states.natural_frequencies.tolist()]
         f, S = _refine_density(f, S, np.concatenate(near))
-        at = np.maximum(f, 1e-6)
+        at = np.maximum(f, _STATIC)
         by = line_of_sight_transfer(scenario, at, place)
-        gaps = low_frequency_gap(bool(np.isnan(by).any()))
+        gaps = _slow_density_gap(scenario, f, S)
         sizes = np.abs(np.nan_to_num(by))
         extremes = np.array([sizes, sizes])
         if states is not None:
@@ -487,7 +497,7 @@ def _of_density(
         if states is not None or np.count_nonzero(S.any(axis=0)) > 1:
             bounds = _bounds_over_correlations(extremes * np.sqrt(S)[:, None, :])
         loads, S = S, np.einsum("fkc,fc->fk", sizes**2, S)
-        side = turning.of_density(f, loads, turning.craft.on_hub(place), S)
+        side = turning.of_density(at, loads, turning.craft.on_hub(place), S)
     none = np.zeros((0, 2), dtype=complex)
     return Contribution(
         source.name,
@@ -519,6 +529,19 @@ _OFFSETS = np.linspace(-30.0, 30.0, 241)
 """Frequencies about a resonance, in parts of its half-width."""
 _GRID_SPACING = 2e-3
 """Relative distance of a grid's frequencies, apart from resonances."""
+_STATIC, _SLOWEST = 1e-6, 1e-3
+"""Frequencies [Hz]: of the response that a density has at 0 Hz, where nothing holds a hub in place; and
+from which a grid's are apart by their spacing."""
+
+
+def _slow_density_gap(scenario: Scenario, f: np.ndarray, S: np.ndarray) -> tuple[Unobserved, ...]:
+    """Gap of a density of loads (n, 6) at frequencies (n,) [Hz] below those at which the motion of a hub
+    without attitude control means something.
+    """
+    acts = np.any(S, axis=1)
+    from_each, to_each = f[:-1], f[1:]
+    between = acts[:-1] | acts[1:]
+    return low_frequency_gap(scenario, from_each[between], to_each[between])
 
 
 def _refine_density(
@@ -527,11 +550,8 @@ def _refine_density(
     """A density on a grid that resolves the craft's resonances by frequencies ``near`` them, linear
     between what was given.
     """
-    grid = np.union1d(
-        np.r_[f, near],
-        np.geomspace(
-            max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / _GRID_SPACING) + 2
-        ),
-    )
+    first = min(max(f[0], _SLOWEST), f[-1])
+    count = int(math.log(f[-1] / first) / _GRID_SPACING) + 2
+    grid = np.union1d(np.r_[f, near], np.geomspace(first, f[-1], count))
     grid = grid[(grid >= f[0]) & (grid <= f[-1])]
     return grid, np.array([np.interp(grid, f, column) for column in S.T]).T

@@ -84,6 +84,10 @@ HELD_DRIVE_UNCERTAINTY = 0.03
 assumed. What its detent torque and its friction where it sticks change comes on top, by the states
 in which it may be (``model.drive_states``) or by its steps (``with_side_lines_of_other``)."""
 _FREE_BODY_REASON = f"below {MIN_FREQUENCY_WITHOUT_CONTROL:g} Hz, where without spacecraft.attitude_control lines mean nothing"
+_FREE_BODY_REMEDIES = (
+    "spacecraft.attitude_control",
+    f"lowest: {MIN_FREQUENCY_WITHOUT_CONTROL:g} Hz or more in the requirement",
+)
 
 
 @dataclass(frozen=True)
@@ -226,6 +230,8 @@ class Contribution:
     """Their frequencies [Hz], (cases, j), where cases do not all have the nominal ones."""
     cases_lack: str = ""
     """Reason why the campaign's cases give no percentile, in words; no percentile is judged then."""
+    recording: str = ""
+    """Title of the recording that its loads are of; empty without one."""
     recorded: tuple[np.ndarray, np.ndarray] | None = None
     """Recorded loads of its lines on a fixed base, complex, and floors of their amplitudes, in the
     array's axes, (k, 6) [N, N m].
@@ -545,11 +551,12 @@ def with_side_lines_of_other(
     name : str
         Of the other's wing, in words behind its shafts.
     """
-    moves = one.settled & (one.frequency > MIN_FREQUENCY_WITHOUT_CONTROL)
     turning = _second_drive(scenario, other, sticking, name)
     if not turning.acts:
         return one
-    at, coordinates = _motion_of_second_wing(one, lines, receiver_of(scenario))
+    hub = receiver_of(scenario)
+    moves = _moves_hub(one, hub)
+    at, coordinates = _motion_of_second_wing(one, lines, hub)
     width, norm = coordinates.shape[1], _norm_of_second_wing(turning, at, coordinates)
     torque = np.zeros(at.size)
     if turning.craft.springs or turning.craft.dampers:  # as if a torque on its rotor made each line
@@ -600,13 +607,20 @@ def _norm_of_second_wing(
     return float(turning.friction.norm_of_motion(frequency, elongation).sum())
 
 
+def _moves_hub(one: Contribution, hub: Receiver) -> np.ndarray:
+    """Which lines of a drive move the hub, (k,): all that are settled, but those that are too slow for a
+    hub without attitude control.
+    """
+    return np.asarray(one.settled & ~hub.too_slow(one.frequency))
+
+
 def _motion_of_second_wing(
     one: Contribution, lines: HubLines, hub: Receiver
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies [Hz] of a drive's lines that move the hub (k,), and amplitudes of the second wing's
     coordinates by each (k, w), with its drive as linearised.
     """
-    moves = one.settled & (one.frequency > MIN_FREQUENCY_WITHOUT_CONTROL)
+    moves = _moves_hub(one, hub)
     at, loads = one.frequency[moves], np.nan_to_num(lines.loads[moves])
     assert hub.second is not None
     assert hub.second_root is not None
@@ -666,11 +680,8 @@ def _gaps(
     scenario: Scenario, table: LineTable, found: HubLines, steady: bool
 ) -> Iterator[Unobserved]:
     """Gaps of a run with respect to the line of sight."""
-    spacecraft, record = require_craft(scenario).spacecraft, scenario.record
-    expected = expected_in(scenario, record.sample_rate)
-    slow = [line.name for line in expected if line.frequency < MIN_FREQUENCY_WITHOUT_CONTROL]
-    if spacecraft.attitude_control is None and slow:
-        yield open_gap(f"{slow[0]}, {_FREE_BODY_REASON}", 0.0, MIN_FREQUENCY_WITHOUT_CONTROL)
+    record = scenario.record
+    yield from _slow_lines_gap(scenario, table)
     for line in table:
         if line.name in found.unknown and not steady and not mode_has_decayed(line, scenario):
             f = line.expected
@@ -710,6 +721,19 @@ def _gaps(
         )
     yield from _low_frequency_gaps(scenario, table)
     yield from _above_passband_gaps(scenario, table, PASSBAND * record.sample_rate)
+
+
+def _slow_lines_gap(scenario: Scenario, table: LineTable) -> tuple[Unobserved, ...]:
+    """Gap of the drive's lines, expected or found, that are too slow for a hub without attitude control."""
+    lines = {
+        line.name: line.frequency
+        for line in expected_in(scenario, scenario.record.sample_rate, table.harmonics)
+    }
+    lines |= {x.name: x.frequency for x in table if x.kind == "other" and x.frequency > 0.0}
+    f = np.array([*lines.values()])
+    slow = receiver_of(scenario).too_slow(f)
+    first = next((name for name, of in zip(lines, slow, strict=True) if of), "")
+    return low_frequency_gap(scenario, f, what=first)
 
 
 _MIN_GROWING_RATIO = 0.01
@@ -895,7 +919,8 @@ def contribution_of_recording(
         if status[k] in NOT_THE_DRIVES:
             why = f"{expected[k].name} ({status[k]})"
         gaps.append(open_gap(why, expected[k].frequency, expected[k].frequency))
-    gaps += low_frequency_gap(not np.all(known))
+    # lines of the clock or not, a recording has something at all frequencies
+    gaps += low_frequency_gap(scenario, np.zeros(1), np.array([math.inf]), what="the recording")
     gaps += list(_above_passband_gaps(scenario, table, PASSBAND * recording.sample_rate))
     kept = seen & known
     names = tuple(expected[k].name for k in np.flatnonzero(kept))
@@ -926,6 +951,7 @@ def contribution_of_recording(
         gaps=tuple(gaps),
         relative_error=both_errors(np.broadcast_to(relative_error, beside.shape), beside),
         scenario=scenario,
+        recording=recording.title or "without a title",
         recorded=(loads[kept], floors[kept]),
         sought=SoughtLoads(
             tuple(expected[k].name for k in np.flatnonzero(kept | faint)),
@@ -988,8 +1014,40 @@ def _relative_uncertainty(line: Line | None) -> float:
     return 0.0
 
 
-def low_frequency_gap(any_lost: bool) -> tuple[Unobserved, ...]:
-    """The gap below MEANINGLESS, where figures are lost there."""
-    if any_lost:
-        return (open_gap(_FREE_BODY_REASON, 0.0, MIN_FREQUENCY_WITHOUT_CONTROL),)
-    return ()
+def low_frequency_gap(
+    scenario: Scenario,
+    low: np.ndarray,
+    high: np.ndarray | None = None,
+    *,
+    what: str = "",
+    remedy: str = "",
+) -> tuple[Unobserved, ...]:
+    """The gap of lines that reach below the lowest frequency at which the motion of a hub without
+    attitude control means something; none where no line does.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        A drive on its craft.
+    low, high : ndarray
+        Between which frequencies each line may be, (k,) [Hz]; without ``high`` it is at ``low``, as
+        well as clocks are known.
+    what : str
+        What is there, in words; without it the source itself is meant.
+    remedy : str
+        What helps besides attitude control and a narrower requirement.
+    """
+    hub = receiver_of(scenario)
+    slow = hub.too_slow(low)
+    if not slow.any():
+        return ()
+    low = np.asarray(low, dtype=float)[slow]
+    high = low if high is None else np.asarray(high, dtype=float)[slow]
+    # A line that goes on above is known there, one that ends below may be off by its clock.
+    ends = np.where(
+        hub.too_slow(high), high + frequency_error_bound(high), np.nextafter(hub.lowest, 0.0)
+    )
+    said = ", ".join(filter(None, (what, _FREE_BODY_REASON)))
+    *others, last = filter(None, (*_FREE_BODY_REMEDIES, remedy))
+    helps = f"give {', '.join(others)}, or {last}"
+    return (open_gap(f"{said} ({helps})", float(low.min()), float(ends.max())),)

@@ -113,8 +113,8 @@ class Budget:
     for.
     """
     angles: tuple[float, ...] = ()
-    """Angles of the first drive's array [rad] that were judged, of which each requirement has its
-    worst; empty for one angle.
+    """Angles of the first drive's array [rad] that were judged, of which each requirement has the
+    worst of each figure; empty for one angle.
     """
     orbit: bool = False
     """Whether these stand for all angles between them, too."""
@@ -144,10 +144,18 @@ class Budget:
         return f"the worst of {len(self.angles)} array angles from {first} to {last} deg, and at these only"
 
     def angle_of(self, one: Assessment) -> float:
-        """Angle of the array [deg] at which a requirement was judged."""
-        return math.degrees(
-            require_craft(self.scenario).spacecraft.array_angle if one.angle is None else one.angle
-        )
+        """Angle of the array [deg] with a requirement's verdict."""
+        return self._given_or_own(one.angle)
+
+    def angle_of_value(self, one: Assessment) -> float:
+        """Angle of the array [deg] with a requirement's value."""
+        return self._given_or_own(one.value_angle)
+
+    def _given_or_own(self, angle: float | None) -> float:
+        """An angle of the array [rad], or without one that of the scenario, in degrees."""
+        if angle is None:
+            angle = require_craft(self.scenario).spacecraft.array_angle
+        return math.degrees(angle)
 
     @property
     def verdict(self) -> Verdict:
@@ -813,7 +821,10 @@ def summary(budget: Budget) -> dict[str, Any]:
         "notes": [*budget.notes, *budget.without_steady],
         "sum": budget.rule,
         "requirements": [
-            {**_row(one), "array_angle_deg": budget.angle_of(one)}
+            {
+                **_row(one), "array_angle_deg": budget.angle_of(one),
+                "value_angle_deg": budget.angle_of_value(one),
+            }
             for one in budget.judged
         ],
         "sources": [

@@ -90,8 +90,12 @@ class Assessment:
     spread: tuple[Estimate, Estimate, Estimate] | None = None
     """Median, P95 and P99 over the cases of a campaign."""
     angle: float | None = None
-    """Angle of the array [rad] at which this holds, where several were looked at: the worst; None
-    for that of the scenario.
+    """Angle of the array [rad] with the worst verdict, where several were looked at; None for that of
+    the scenario.
+    """
+    value_angle: float | None = None
+    """Angle of the array [rad] with the largest value, where several were looked at: that of the value
+    and of what contributes to it; None for that of the scenario.
     """
     errors: float = 0.0
     """Errors of sources by their class alone."""

@@ -18,7 +18,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from microvib.analysis.margins import CLOCK_UNCERTAINTY, frequency_error_bound
-from microvib.model.coupling import line_of_sight_transfer
+from microvib.analysis.start import rounded_up
+from microvib.model.coupling import line_of_sight_transfer, receiver_of
 from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
@@ -309,6 +310,17 @@ class WheelOnCraft:
             found.append(open_gap(f"the wheel's {loads}: not measured (wheel.not_measured)"))
         return tuple(found)
 
+    @cached_property
+    def _too_slow(self) -> tuple[Unobserved, ...]:
+        """Gap of orders that reach below what means something on a hub without attitude control, at
+        any speed of the range.
+        """
+        low, high = self.frequencies(np.array(self.speeds))
+        lowest = receiver_of(self.scenario).lowest
+        from_speed = rounded_up(60.0 * lowest / float(self.orders[0]))
+        remedy = f"wheel.speed: {from_speed} rpm or more"
+        return low_frequency_gap(self.scenario, low, high, remedy=remedy)
+
     @property
     def speeds(self) -> tuple[float, float]:
         """Ends of the range [rad/s]."""
@@ -330,7 +342,7 @@ class WheelOnCraft:
         return tuple(
             Contribution(
                 self.name, f"wheel at {_rpm(speed):.5g} rpm", names, f[k], np.nan_to_num(los[k]),
-                gaps=(*low_frequency_gap(bool(np.isnan(los[k]).any())), *self._not_measured),
+                gaps=(*self._too_slow, *self._not_measured),
                 relative_error=np.nan_to_num(relative_error[:, k]), phased=False,
                 frequency_error=np.zeros(self.orders.size),
             )
