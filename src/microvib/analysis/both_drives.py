@@ -29,7 +29,7 @@ _COUNTS = 0.01
 
 @dataclass(frozen=True)
 class AddedTorque:
-    """What another drive's lines add about the axis of a drive."""
+    """Lines that another drive adds about the axis of a drive."""
 
     frequency: np.ndarray
     """[Hz], (k,)."""
@@ -58,7 +58,7 @@ class AddedTorque:
         return cls(at, there, names, ranges[:, 0], ranges[:, 1], resolution)
 
     def beside(self, line: Line) -> float:
-        """What is added to a line of the drive itself, at most [N m]."""
+        """Torque that is added to a line of the drive itself, at most [N m]."""
         return float(np.sum(self.amplitude[self._near(line.place)]))
 
     def judged(self, margin: Margin) -> Margin:
@@ -78,7 +78,7 @@ class AddedTorque:
         return replace(margin, verdict="not judged", why=why)
 
     def alone(self, lines: Sequence[Line], limit: LimitCurve) -> Iterator[str]:
-        """What is added above a limit where the drive has no line of its own."""
+        """Added lines above a limit where the drive has no line of its own, in words."""
         own = np.array([line.place for line in lines if line.seen])
         for k, name in enumerate(self.names):
             if not limit.holds(self.frequency[k]) or np.any(self._same(own, self.frequency[k])):

@@ -383,17 +383,16 @@ def _with_intermittent_peaks(table: LineTable, x: np.ndarray, scenario: Scenario
     bursts = sliding_growth(scenario) > 0.0
     if not (varies or bursts) or rest is None or rest.floor is None:
         return table
-    seen = [one.cycle for one in varies if one.cycle <= table.duration]
+    if bursts:
+        cycle = 2.0 * table.duration
+    else:
+        cycle = max((x.cycle for x in varies if x.cycle <= table.duration), default=table.duration)
     noise = (rest.frequency, rest.floor) if noise_bands(scenario) and rest.frequency.size else None
-    least = _NEGLIGIBLE_LINE * table.largest
-    named = (line for line in table if line.kind != "other" and line.seen)
-    # Modes that stick-slip stirs have no amplitude that is theirs at all times.
-    steady = (line for line in named if not (bursts and line.is_mode))
     frequency, amplitude = intermittent_peaks(
         x,
         table.sample_rate,
-        [line for line in steady if line.amplitude > least],
-        2.0 * table.duration if bursts else max(seen, default=table.duration),
+        _lines_at_all_times(table, bursts=bursts),
+        cycle,
         _FULL_STEPS_RESOLVED * full_step_time(scenario),
         noise=noise,
         louder=0.0 if bursts else LOUDER,  # of a long record, this may be a block that is all loud
@@ -401,6 +400,15 @@ def _with_intermittent_peaks(table: LineTable, x: np.ndarray, scenario: Scenario
     if not frequency.size:
         return table
     return replace(table, rest=rest.with_peaks(frequency, amplitude / rest.factor))
+
+
+def _lines_at_all_times(table: LineTable, *, bursts: bool) -> list[Line]:
+    """Lines to take out of a record to see what is there for a part of the time: modes that stick-slip
+    excites in ``bursts`` are not among them.
+    """
+    least = _NEGLIGIBLE_LINE * table.largest
+    named = (line for line in table if line.kind != "other" and line.seen)
+    return [x for x in named if x.amplitude > least and not (bursts and x.is_mode)]
 
 
 def _with_peaks_of_pieces(table: LineTable, series: np.ndarray, state: SteadyState) -> LineTable:

@@ -30,7 +30,7 @@ _FIRST_BIN = 4
 _FINER = 2
 """Bins that are computed for one of a piece: a tone between two of them is at most 4 % larger."""
 LOUDER = 1.3
-"""What is louder in a piece than on average has so many times its RMS over all pieces."""
+"""Times its RMS over all pieces that something has in one where it is louder than on average."""
 LOUDER_THAN_LINES = 1.02
 """Times the largest line about it that a bin must have in a piece to count."""
 _REACH = 2

@@ -595,12 +595,9 @@ def plan_rates(  # noqa: PLR0913 - keyword options
     grid, counts = rates_and_counts(scenario, rates, microsteps)
     within = (0.0, math.inf) if band is None else ends(band)
     most, curve = _limit_in(limit, within)
-    modes = tuple(mode for mode in coupled_modes(scenario) if _may_resonate(mode))
     if not 0.0 <= keep_away < 1.0:
         raise OptionError("keep_away", "must be at least 0 and below 100 percent", str(keep_away))
-    # a resonance just beyond the range may be too near to a rate at its end
-    reach = min(grid) / (1.0 + keep_away), max(grid) / (1.0 - keep_away)
-    crossings = [x for count in counts for x in _resonance_crossings(scenario, count, reach)]
+    asked = _Asked(scenario, grid, counts, most, within, linear, keep_away)
     solve_case = linear_case if linear else full_case
     with parallel_calls(progress, workers) as calls:
 
@@ -609,30 +606,16 @@ def plan_rates(  # noqa: PLR0913 - keyword options
                 solve_case, ((scenario, Si(rate), n, confirmed) for rate, n, confirmed in wanted)
             )
 
-        wanted, beyond = _wanted_cases(grid, counts, crossings)
-        found = _solved_cases(wanted | beyond, within, solve)
-        swept: list[_SweptMode] = []
-        if not linear and (most is not None or keep_away > 0.0):
-            swept = list(_swept_modes(scenario, found.values(), most, within))
-            at_modes = {(rate, x.microsteps) for x in swept for rate in x.rates}
-            found |= _solved_cases(at_modes - set(found), within, solve)
-            wanted |= {key for key in at_modes if min(grid) <= key[0] <= max(grid)}
-        if most is not None and not linear:
-            wanted |= _refine(found, wanted, (most, within), solve)
-        rows = [[found[key] for key in sorted(wanted) if key[1] == count] for count in counts]
+        rows, resonances = _solved_rows(asked, solve)
         forbidden = []
         if most is not None:
             forbidden = [b for row in rows for b in _forbidden(row, most, within, solve)]
-    resonances = (
-        *_resonances(crossings, found),
-        *_swept_resonances(swept, found, most, within),
-    )
     if keep_away > 0.0:
         forbidden += [_too_near(resonance, keep_away) for resonance in resonances]
     return RatePlan(
         scenario,
         tuple(chain.from_iterable(rows)),
-        modes,
+        tuple(mode for mode in coupled_modes(scenario) if _may_resonate(mode)),
         resonances,
         tuple(forbidden),
         most.least if isinstance(most, LimitCurve) else most,
@@ -641,6 +624,46 @@ def plan_rates(  # noqa: PLR0913 - keyword options
         keep_away,
         curve,
     )
+
+
+class _Asked(NamedTuple):
+    """Question that a plan answers."""
+
+    scenario: Scenario
+    grid: list[Si]
+    counts: tuple[int, ...]
+    limit: float | LimitCurve | None
+    band: tuple[float, float]
+    linear: bool
+    keep_away: float
+
+
+def _solved_rows(asked: _Asked, solve: Solve) -> tuple[list[list[RateCase]], tuple[Resonance, ...]]:
+    """Cases of each microstep count by rate, and the resonances that they show."""
+    low, high = min(asked.grid), max(asked.grid)
+    # a resonance just beyond the range may be too near to a rate at its end
+    reach = low / (1.0 + asked.keep_away), high / (1.0 - asked.keep_away)
+    crossings = [
+        x for count in asked.counts for x in _resonance_crossings(asked.scenario, count, reach)
+    ]
+    wanted, beyond = _wanted_cases(asked.grid, asked.counts, crossings)
+    found = _solved_cases(wanted | beyond, asked.band, solve)
+    swept = _modes_to_solve(asked, found)
+    at_modes = {(rate, x.microsteps) for x in swept for rate in x.rates}
+    found |= _solved_cases(at_modes - set(found), asked.band, solve)
+    wanted |= {key for key in at_modes if low <= key[0] <= high}
+    if not asked.linear and asked.limit is not None:
+        wanted |= _refine(found, wanted, (asked.limit, asked.band), solve)
+    rows = [[found[key] for key in sorted(wanted) if key[1] == count] for count in asked.counts]
+    at_swept = _swept_resonances(swept, found, asked.limit, asked.band)
+    return rows, (*_resonances(crossings, found), *at_swept)
+
+
+def _modes_to_solve(asked: _Asked, found: dict[tuple[float, int], RateCase]) -> list[_SweptMode]:
+    """Modes between the rates of cases at which lines of any order may decide a verdict."""
+    if asked.linear or (asked.limit is None and asked.keep_away == 0.0):
+        return []
+    return list(_swept_modes(asked.scenario, found.values(), asked.limit, asked.band))
 
 
 def _limit_in(
@@ -815,8 +838,9 @@ class _Expected(NamedTuple):
     def passing(
         self, mode: CoupledMode, response: float, rates: tuple[float, float]
     ) -> Iterator[RateLine]:
-        """Those that meet a mode between two rates [rad/s], each with the amplitude that is expected
-        where the drive has this ``response``."""
+        """Lines that meet a mode between two rates [rad/s], each with the amplitude that is expected
+        where the drive has this ``response``.
+        """
         low, high = rates[0] * (1.0 + _SAME_RATE), rates[1] * (1.0 - _SAME_RATE)
         met = self.per_hertz[:, None] * np.array(_rates_to_examine(mode.frequency, mode))
         for k in np.flatnonzero(np.any((met > low) & (met < high), axis=1)).tolist():
