@@ -14,7 +14,6 @@ import numpy as np
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, GROWTH_FACTOR, frequency_error_bound
 from microvib.analysis.start import VARIATION_FACTOR
 from microvib.model.line_names import LineName, is_sideband, is_unlisted
-from microvib.model.other_hinge import other_hinge
 from microvib.model.record import PASSBAND
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.limit_curve import LimitCurve, in_band
@@ -478,16 +477,16 @@ def line_verdicts(
     of_part = results.records == PART_OF_CYCLE
     verdict[(verdict == BELOW) & (of_part | (results.records == LEAVES_OPEN))] = UNKNOWN
     verdict[(verdict == ABOVE) & of_part & (amplitude <= VARIATION_FACTOR * lenient)] = UNKNOWN
-    if other_hinge(results.campaign.design.base) is not None:
-        verdict[_is_open_to_states(results, verdict, curve)] = UNKNOWN
+    if results.campaign.design.base.other_wing is not None:
+        verdict[_is_open_to_other_wing(results, verdict, curve)] = UNKNOWN
     verdict[(verdict == UNKNOWN) & (whole == BELOW)] = BELOW
     return verdict
 
 
-def _is_open_to_states(results: Results, verdict: np.ndarray, limit: LimitCurve) -> np.ndarray:
+def _is_open_to_other_wing(results: Results, verdict: np.ndarray, limit: LimitCurve) -> np.ndarray:
     """Cases (cases,) in which a line's ``verdict`` is not known, as its amplitude in other states of the other
-    wing's hinge is not kept: it is above only where the case fails by the same limit, and below where it
-    passes.
+    wing's hinge is not kept, nor with the other drive stepping: it is above only where the case fails by the
+    same limit, and below where it passes.
     """
     own = limit_of(results.campaign.design.study)
     fails = results.verdicts == VERDICTS.index("fail")
