@@ -20,7 +20,8 @@ from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.limits import judge
-from microvib.model.turning import turning_drive
+from microvib.model.linear import coupled_modes
+from microvib.model.turning import decay_in_motion, growth_over_angle, turning_drive
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
 from microvib.solve.steady.search import Search
 from microvib.studies.rates import plan_rates, rate_grid
@@ -97,3 +98,72 @@ def test_a_rate_plan_refines_where_a_bent_resonance_comes_near_the_limit():
         band="0.05:30 Hz",
     )
     assert any(band.low < math.radians(0.137) < band.high for band in plan.forbidden)
+
+
+SOFT = {
+    "driver.microsteps": 32,
+    "motor.detent_torque": "0 N*m",
+    "motor.friction.viscous": "0 N*m*s/rad",
+    "reducer.ratio": 20.0,
+    "reducer.stiffness": "30000 N*m/rad",
+    "reducer.damping": "1 N*m*s/rad",
+    "friction.slip_ring": None,
+    "friction.coulomb": "0 N*m",
+    "friction.breakaway": "0 N*m",
+    "friction.viscous": "2 N*m*s/rad",
+    "array": {
+        "inertia": "10 kg*m^2",
+        "modes": [
+            {"frequency": "0.3 Hz", "damping": "3 percent", "effective_inertia": "0.3 kg*m^2"}
+        ],
+    },
+    "record.settle": "70 s",
+    "record.sample_rate": "256 Hz",
+}
+"""A drive on a gear of 20 whose rotor swings with the array at 2.9 Hz."""
+BY_ERROR = SOFT | {
+    "reducer.transmission_error": [{"order": 100, "amplitude": "2 arcsec"}],
+    "tracking": {"profile": [{"rate": "1.04269 deg/s", "ramp": "60 s"}]},
+}
+BY_POSITION = SOFT | {
+    "friction.coulomb": "0.3 N*m",
+    "friction.breakaway": "0.3 N*m",
+    "friction.position": {"harmonics": [{"order": 3600, "amplitude": 0.2}]},
+    "tracking": {"profile": [{"rate": "0.579 deg/s", "ramp": "60 s"}]},
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "settle", "apart"),
+    [
+        (BY_ERROR, "reducer.transmission_error", 90, 40),
+        (BY_POSITION, "friction.position", 60, 10),
+    ],
+)
+def test_what_varies_over_the_angle_of_a_shaft_may_keep_a_mode_ringing(changes, key, settle, apart):
+    """Twenty seconds after its ramp a drive passed a limit that it fails for good after two minutes."""
+    drive = mv.load_scenario("state-1").with_(changes)
+    [fed] = growth_over_angle(drive)
+    assert fed.what == key
+    assert fed.modes == ("drive_resonance_1",)
+    [mode] = [m for m in coupled_modes(drive) if m.name == "drive_resonance_1"]
+    assert fed.growth == pytest.approx(fed.rate - mode.decay)
+    assert decay_in_motion(mode, drive) < 0.0
+    long = drive.with_({"record.settle": f"{settle} s", "record.duration": f"{apart + 4} s"})
+    x = mv.simulate(long, channels="T_d")["T_d"]
+    swing = x * np.exp(-2j * math.pi * mode.frequency / 256.0 * np.arange(x.size))
+    first, last = (abs(np.mean(swing[k : k + 1024] * np.hanning(1024))) for k in (0, apart * 256))
+    # to first order, within a tenth or so
+    assert math.log(last / first) / apart + mode.decay == pytest.approx(fed.rate, rel=0.15)
+    early = drive.with_({"record.settle": "80 s", "record.duration": "16 s"})
+    judged = judge(mv.find_lines(mv.simulate(early)), limit_of(10.0, 0.5, 80.0), early)
+    assert judged.verdict == "not judged"
+    assert f"parametric resonance that has not come to its end, as {key} varies" in str(judged)
+
+
+def test_what_varies_far_from_twice_a_mode_feeds_none():
+    drive = mv.load_scenario("state-1").with_(BY_ERROR)
+    for rate in ("1.00 deg/s", "1.09 deg/s"):
+        assert not growth_over_angle(drive.with_({"tracking": {"rate": rate}}))
+    rigid = drive.with_({"reducer.stiffness": "rigid", "reducer.damping": "0 N*m*s/rad"})
+    assert not growth_over_angle(rigid)

@@ -28,6 +28,7 @@ from microvib.model.turning import (
     GROWN_EFOLDINGS,
     TurningDrive,
     decay_in_motion,
+    growth_over_angle,
     turning_drive,
 )
 from microvib.model.winding_up import (
@@ -434,6 +435,13 @@ def _not_lasting_reason(scenario: Scenario) -> str:
     elif (turning := turning_drive(scenario)).growth > 0.0:
         needed = GROWN_EFOLDINGS / turning.growth + SETTLED_EFOLDINGS / decay
         what = _oscillation(turning)
+    elif fed := [one for one in growth_over_angle(scenario) if one.growth > 0.0]:
+        slowest_growth = min(fed, key=lambda one: one.growth)
+        needed = GROWN_EFOLDINGS / slowest_growth.growth + SETTLED_EFOLDINGS / decay
+        what = (
+            f"a parametric resonance that has not come to its end, as {slowest_growth.what} varies the stiffness"
+            " at about twice a mode's frequency"
+        )
     settled = time_to_settle(scenario)
     if settled >= needed:
         return ""
