@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import microvib as mv
-from microvib.analysis.limits import judge
+from microvib.analysis.limits import Judgement, judge
 from microvib.analysis.other_states import other_states, slipping_reason_of_table
 from microvib.analysis.run import RunResult
 from microvib.model.linear import disturbance_torque_response
@@ -344,3 +344,33 @@ def test_rates_of_two_drives_that_step_together_are_not_judged_by_each_alone():
     assert case.verdict((0.5, 2.0), 1.4 * alone) == OTHER_STATE
     assert "both step" in case.hinge
     assert case.verdict((0.5, 2.0), 4.0 * alone) == ""
+
+
+def test_a_load_of_drives_with_clocks_of_their_own_passes_by_no_phase_of_theirs():
+    """Torques that cancelled in the record passed 2.2 mN m, and come to 5.3 half a beat later."""
+    light = {
+        "friction.coulomb": 0.0,
+        "friction.breakaway": 0.0,
+        "spacecraft.attitude_control.bandwidth": 0.05,
+        "spacecraft.hub.inertia": [60.0, 15.0, 65.0, 0.0, 0.0, 0.0],
+        "spacecraft.second_wing": WING | {"drive": "driven"},
+    }
+    pair = mv.load_scenario("examples/spacecraft.yaml").with_si(light)
+    limit = mv.Limit.of_curves(None, {"My": LimitCurve((3.0, 4.0), (2.2e-3, 2.2e-3))})
+
+    def judged(**wing: float) -> Judgement:
+        changes = {f"spacecraft.second_wing.{key}": value for key, value in wing.items()}
+        [of_first, _] = run(pair.with_si(changes)).judge(limit).loads
+        return of_first
+
+    drifting = judged(clock_ratio=1.00001)
+    assert drifting.verdict == "not judged"
+    told = re.search(
+        r"full_step_1 of both drives, up to ([\d.]+) mN m as their clocks drift", str(drifting)
+    )
+    assert told
+    assert judged().verdict == "pass"  # one clock keeps that phase
+    worst = judged(stagger=8.0)
+    assert worst.verdict == "fail"
+    [margin] = [m for m in worst.margins if m.line.name == "full_step_1"]
+    assert 1e-3 * float(told[1]) == pytest.approx(margin.line.amplitude, rel=0.01)

@@ -15,14 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.analysis.margins import Margin, line_range
-from microvib.model.other_hinge import torque_at_other_interface
+from microvib.model.other_hinge import load_over_torque, torque_at_other_interface
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.limit_curve import LimitCurve
+from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import Line, LineTable
 
 _SAME_LINE = 1e-4
-"""Part of a frequency within which lines of both drives are one; in a record, a bin of it at least."""
+"""Part of a frequency within which lines of both drives are one, however long the record is."""
 _COUNTS = 0.01
 """Part of the limit below which what the other drive adds is left to the margin's own bounds."""
 
@@ -40,7 +41,7 @@ class AddedTorque:
     high: np.ndarray
     """Ends of what the frequencies may be [Hz], (k,)."""
     resolution: float
-    """Distance [Hz] within which lines of a record are not told apart; 0 of exact ones."""
+    """Distance [Hz] within which lines are not told apart by a record as long as the scenario's."""
 
     @classmethod
     def of(cls, table: LineTable, scenario: Scenario) -> AddedTorque:
@@ -53,7 +54,7 @@ class AddedTorque:
         size = np.array([line.amplitude for line in lines])
         ranges = np.array([line_range(line, table, scenario) for line in lines]).reshape(-1, 2)
         there = size * torque_at_other_interface(scenario, at) if lines else size
-        resolution = 0.0 if table.rest is None or table.rest.floor is None else 1.0 / table.duration
+        resolution = SEPARATION / scenario.record.duration
         names = tuple(line.name for line in lines)
         return cls(at, there, names, ranges[:, 0], ranges[:, 1], resolution)
 
@@ -92,3 +93,54 @@ class AddedTorque:
     def _same(self, frequencies: np.ndarray, frequency: float) -> np.ndarray:
         within = max(_SAME_LINE * frequency, self.resolution)
         return np.asarray(np.abs(frequencies - frequency) <= within)
+
+
+def drifting_lines(
+    limit: LimitCurve,
+    component: str,
+    tables: tuple[LineTable, LineTable | None],
+    scenario: Scenario | None,
+) -> Iterator[str]:
+    """Lines of a load that two drives with clocks of their own make together, where these drift through
+    all phases for longer than a record shows, and may be above a limit; in words.
+
+    ``component`` is the load, ``Fx`` to ``Mz``, with ``_2`` at the second wing's interface; ``tables`` are
+    those of both drives' torques.
+    """
+    first, second = tables
+    wing = None if scenario is None else scenario.driven_wing
+    if scenario is None or wing is None or second is None or _have_one_clock(scenario):
+        return
+    name, there = component.removesuffix("_2"), component.endswith("_2")
+    own, theirs = _lasting(first), _lasting(second)
+    f, at = (np.array([line.place for line in lines]) for lines in (own, theirs))
+    a, b = (np.array([line.amplitude for line in lines]) for lines in (own, theirs))
+    a = a * load_over_torque(scenario, f, name, there=there) if own else a
+    b = b * load_over_torque(wing.alone, at, name, there=not there) if theirs else b
+    for k, line in enumerate(own):
+        near = np.abs(at - f[k]) < SEPARATION / scenario.record.duration
+        most = float(a[k] + np.sum(b[near]))
+        if np.any(near) and limit.holds(f[k]) and most > limit.strictest(f[k], f[k]):
+            yield (
+                f"{line.name} of both drives, up to {1e3 * most:.4g} m{'N' if name.startswith('F') else 'N m'}"
+                " as their clocks drift through all phases, which the record does not show"
+            )
+
+
+def _have_one_clock(scenario: Scenario) -> bool:
+    """Whether a second wing's drive makes its steps with those of the first."""
+    craft = scenario.spacecraft
+    wing = None if craft is None else craft.second_wing
+    return wing is not None and wing.tracking is None and wing.clock_ratio == 1.0
+
+
+def _lasting(table: LineTable) -> list[Line]:
+    """Lines with an amplitude that last."""
+    return [
+        line
+        for line in table
+        if line.seen
+        and line.status != TRANSIENT
+        and line.place > 0.0
+        and math.isfinite(line.amplitude)
+    ]

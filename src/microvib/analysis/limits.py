@@ -14,7 +14,7 @@ from microvib.analysis.accuracy import (
     failed_invariants_reason,
     with_known_error,
 )
-from microvib.analysis.both_drives import AddedTorque
+from microvib.analysis.both_drives import AddedTorque, drifting_lines
 from microvib.analysis.lines import clock_warnings, intermittency_cause
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
@@ -311,7 +311,7 @@ def judge(
         judged = _judge_table(table, limit, limit.curve, scenario, states=states)
         if scenario is not None and scenario.driven_wing is not None:
             judged = _combine_drives(judged, (table, second), scenario)
-    of_loads = list(_judged_loads(limit, table, loads or {}, scenario))
+    of_loads = list(_judged_loads(limit, (table, second), loads or {}, scenario))
     if slips := slipping_reason_of_table(table, scenario):
         judged, *of_loads = (_open_for(one, slips) for one in (judged, *of_loads))
     return replace(judged, loads=tuple(of_loads))
@@ -359,11 +359,15 @@ def judge_channel(table: LineTable, limit: Limit, component: str = "") -> Judgem
 
 
 def _judged_loads(
-    limit: Limit, table: LineTable, loads: Mapping[str, LineTable], scenario: Scenario | None
+    limit: Limit,
+    tables: tuple[LineTable, LineTable | None],
+    loads: Mapping[str, LineTable],
+    scenario: Scenario | None,
 ) -> Iterator[Judgement]:
     """The loads that have limits of their own, by their lines; of a craft with two wings, those of
     either interface.
     """
+    table, _ = tables
     for name, curve in limit.loads.items():
         alone = Limit.of_curves(None, {name: curve}, limit.source)
         there = [each for each in (name, f"{name}{SECOND_WING}") if each in loads]
@@ -371,7 +375,8 @@ def _judged_loads(
             lines = replace(loads[each], own_error=table.own_error, find_error=None)
             states = other_states(lines, scenario, each)
             found = _judge_table(lines, alone, curve, scenario, of_torque=False, states=states)
-            yield replace(found, component=each)
+            drifting = tuple(drifting_lines(curve, each, tables, scenario))
+            yield replace(found, component=each, gaps=(*found.gaps, *drifting))
         if there:
             continue
         if _is_drive_torque(name, scenario):

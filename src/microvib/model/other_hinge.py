@@ -157,8 +157,23 @@ def torque_at_other_interface(scenario: Scenario, frequency: np.ndarray) -> np.n
     """
     wing = require_craft(scenario).spacecraft.second_wing
     assert wing is not None
+    return _over_torque(scenario, frequency, wing.interface, there=True)
+
+
+def load_over_torque(
+    scenario: Scenario, frequency: np.ndarray, component: str, *, there: bool
+) -> np.ndarray:
+    """Load on the hub, ``Fx`` to ``Mz``, at the own interface or at that of the other wing (``there``), over
+    the torque about the own drive's axis at each frequency (m,) [Hz], (m,); as ``torque_at_other_interface``.
+    """
+    return _over_torque(scenario, frequency, component, there=there)
+
+
+def _over_torque(
+    scenario: Scenario, frequency: np.ndarray, component: str | Interface, *, there: bool
+) -> np.ndarray:
     seen = OtherHinge(DriveStates(_with_currents(scenario), ()), "", "", "")
-    rows = np.array([seen.row("", there=False), seen.row(wing.interface, there=True)])
+    rows = np.array([seen.row("", there=False), seen.row(component, there=there)])
     moved = np.abs(seen.states.response(frequency, seen.states.on_rotor, rows))[:, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.nan_to_num(moved[:, 1] / moved[:, 0], posinf=_LARGEST))
