@@ -102,7 +102,7 @@ FAR = 15.0
 """Rate over the Stribeck rate above which its excess is nothing."""
 LAYER_ERROR = 0.3
 """Error that a step may be expected to have by Stribeck's excess alone, over the accuracy."""
-DENSE_EVENTS, MAX_DENSE_EVENTS = 1e-3, 20_000
+DENSE_EVENTS, MAX_DENSE_EVENTS = 1e-3, 3_000_000
 """Spacing of events, over the longest step, below which they are dense; how many more of these than
 fit into the time at that spacing there may be. Friction that sticks and breaks away without end lets
 time pass, but hardly: the motion that it stands for is not one of these modes.
