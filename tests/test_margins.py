@@ -18,7 +18,7 @@ from microvib.model.linear import sliding_growth
 from microvib.model.tracking import Leg, Tracking
 from microvib.model.winding_up import wind_up
 from microvib.signals.line_fit import estimate_lines
-from microvib.signals.line_table import BELOW_FLOOR, LineTable, ResidualPeaks
+from microvib.signals.line_table import BELOW_FLOOR, Line, LineTable, ResidualPeaks
 from microvib.units import Si
 
 NOTHING = ResidualPeaks(np.zeros(0), np.zeros(0))
@@ -581,6 +581,26 @@ def test_bursts_of_stick_slip_pass_no_limit_that_one_of_them_exceeds(state_1, lo
         judged = judge(table, limit_of(0.25, 0.5, 30.0), drive)
         assert judged.verdict == verdict, judged
         assert ("stick-slip" in str(judged)) == (verdict == "not judged")
+
+
+@pytest.mark.parametrize("verdict_before", ["pass", "fail"])
+def test_lines_are_not_judged_before_the_current_loop_has_settled(state_1, verdict_before):
+    """An offset of a phase that only the integral part follows: 0.33 mN m passed that become 1.03."""
+    slow = state_1.with_({"driver.integral_gain": "5 V/(A*s)", "record.settle": "30 s"})
+    amplitude = 1e-6 if verdict_before == "pass" else 10.0
+    quiet = LineTable(
+        (), 1.0, 0.0, 81920, 4096.0, rest=ResidualPeaks(np.array([5.0]), np.array([1e-6]))
+    )
+    line = Line("electrical_1", "electrical", frequency=0.8, amplitude=amplitude, status="ok")
+    table = replace(quiet, lines=(line,))
+    limit = limit_of(1.0, 0.5, 1.0)
+    assert judge(table, limit, state_1.with_({"record.settle": "30 s"})).verdict == verdict_before
+    judged = judge(table, limit, slow)
+    assert judged.verdict == "not judged"
+    assert "current loop has settled" in str(judged)
+    assert "record.settle >= 466 s" in str(judged)
+    settled = slow.with_({"record.settle": "466 s"})
+    assert judge(table, limit, settled).verdict == verdict_before
 
 
 def test_friction_slope_is_that_of_its_torque(state_1):

@@ -39,6 +39,9 @@ from microvib.model.winding_up import (
 )
 from microvib.signals.line_table import Line
 
+_LOOP_EFOLDINGS = 4.6
+"""e-foldings of the current loop's slow pole after which a hundredth is left of what its integral part
+changes, which is a part of the lines itself."""
 SETTLED_EFOLDINGS = 12.0
 """e-foldings after which the transient of a start has vanished."""
 
@@ -223,7 +226,27 @@ def _start_gap(scenario: Scenario) -> RecordGap | None:
         return RecordGap(held, turns=False)
     if why := _not_lasting_reason(scenario) or not_sliding_reason(scenario):
         return RecordGap(why, turns=True)
+    if why := _current_loop_reason(scenario):
+        return RecordGap(why, turns=True, overstated=math.inf)
     return None
+
+
+def _current_loop_reason(scenario: Scenario) -> str:
+    """Reason why the currents of a drive are not yet those that last: the integral part of their loop has a
+    slow pole near K_I / (K_P + R); empty where it has died away.
+    """
+    driver, motor = scenario.driver, scenario.motor
+    if driver.drive != "current" or driver.integral_gain == 0.0:
+        return ""
+    decay = driver.integral_gain / (driver.proportional_gain + motor.winding_resistance)
+    settled = time_to_settle(scenario)
+    if decay * settled >= _LOOP_EFOLDINGS:
+        return ""
+    longer = rounded_up(scenario.record.settle - settled + _LOOP_EFOLDINGS / decay)
+    return (
+        f"lines before the current loop has settled: the integral part of its slow pole takes {1.0 / decay:.3g} s"
+        f" for each e-folding (record.settle >= {longer} s{steady_start_advice(scenario)})"
+    )
 
 
 def _short_record_gap(scenario: Scenario, duration: float) -> RecordGap | None:
