@@ -24,8 +24,6 @@ from microvib.signals.line_table import Line, LineTable
 
 _SAME_LINE = 1e-4
 """Part of a frequency within which lines of both drives are one, however long the record is."""
-_COUNTS = 0.01
-"""Part of the limit below which what the other drive adds is left to the margin's own bounds."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,7 @@ class AddedTorque:
     @classmethod
     def of(cls, table: LineTable, scenario: Scenario) -> AddedTorque:
         """Take the lines of the other drive, of whose craft and wing the ``scenario`` is."""
-        lines = [
-            line for line in table if line.seen and line.status != TRANSIENT and line.place > 0.0
-        ]
-        lines = [line for line in lines if math.isfinite(line.amplitude)]
+        lines = _lasting(table)
         at = np.array([line.place for line in lines])
         size = np.array([line.amplitude for line in lines])
         ranges = np.array([line_range(line, table, scenario) for line in lines]).reshape(-1, 2)
@@ -67,9 +62,7 @@ class AddedTorque:
         added = self.beside(margin.line)
         least, most = margin.amplitude - added, margin.amplitude + added
         passes, fails = margin.verdict == "pass", margin.verdict == "fail"
-        if added <= _COUNTS * margin.limit or not (
-            (passes and most > margin.limit) or (fails and least <= margin.limit)
-        ):
+        if not ((passes and most > margin.limit) or (fails and least <= margin.limit)):
             return margin
         end = f"up to {1e3 * most:.4g}" if passes else f"{1e3 * max(least, 0.0):.4g} or more"
         why = (
