@@ -9,7 +9,7 @@ asked.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ class AddedTorque:
     frequency: np.ndarray
     """[Hz], (k,)."""
     amplitude: np.ndarray
-    """[N m], (k,)."""
+    """[N m], or [N] of a force, (k,)."""
     names: tuple[str, ...]
     low: np.ndarray
     high: np.ndarray
@@ -44,22 +44,37 @@ class AddedTorque:
     @classmethod
     def of(cls, table: LineTable, scenario: Scenario) -> AddedTorque:
         """Take the lines of the other drive, of whose craft and wing the ``scenario`` is."""
+        return cls._of(table, scenario, lambda f: torque_at_other_interface(scenario, f))
+
+    @classmethod
+    def of_load(
+        cls, table: LineTable, scenario: Scenario, component: str, *, there: bool
+    ) -> AddedTorque:
+        """Take what a drive's lines make of a load at its own interface, or at the other (``there``)."""
+        return cls._of(
+            table, scenario, lambda f: load_over_torque(scenario, f, component, there=there)
+        )
+
+    @classmethod
+    def _of(
+        cls, table: LineTable, scenario: Scenario, ratios: Callable[[np.ndarray], np.ndarray]
+    ) -> AddedTorque:
         lines = _lasting(table)
         at = np.array([line.place for line in lines])
         size = np.array([line.amplitude for line in lines])
         ranges = np.array([line_range(line, table, scenario) for line in lines]).reshape(-1, 2)
-        there = size * torque_at_other_interface(scenario, at) if lines else size
-        resolution = SEPARATION / scenario.record.duration
+        made = size * ratios(at) if lines else size
         names = tuple(line.name for line in lines)
-        return cls(at, there, names, ranges[:, 0], ranges[:, 1], resolution)
+        resolution = SEPARATION / scenario.record.duration
+        return cls(at, made, names, ranges[:, 0], ranges[:, 1], resolution)
 
-    def beside(self, line: Line) -> float:
-        """Torque that is added to a line of the drive itself, at most [N m]."""
-        return float(np.sum(self.amplitude[self._near(line.place)]))
+    def beside(self, frequency: float) -> float:
+        """Sum of the lines that are not told apart from one of this frequency [Hz]."""
+        return float(np.sum(self.amplitude[self._same(self.frequency, frequency)]))
 
     def judged(self, margin: Margin) -> Margin:
         """A margin, not judged where what is added may decide it."""
-        added = self.beside(margin.line)
+        added = self.beside(margin.line.place)
         least, most = margin.amplitude - added, margin.amplitude + added
         passes, fails = margin.verdict == "pass", margin.verdict == "fail"
         if not ((passes and most > margin.limit) or (fails and least <= margin.limit)):
@@ -79,9 +94,6 @@ class AddedTorque:
                 continue
             if self.amplitude[k] > limit.strictest(self.low[k], self.high[k]):
                 yield f"{name} of the other drive, up to {1e3 * self.amplitude[k]:.4g} mN m about this axis"
-
-    def _near(self, frequency: float) -> np.ndarray:
-        return self._same(self.frequency, frequency)
 
     def _same(self, frequencies: np.ndarray, frequency: float) -> np.ndarray:
         within = max(_SAME_LINE * frequency, self.resolution)
@@ -105,17 +117,14 @@ def drifting_lines(
     if scenario is None or wing is None or second is None or _have_one_clock(scenario):
         return
     name, there = component.removesuffix("_2"), component.endswith("_2")
-    own, theirs = _lasting(first), _lasting(second)
-    f, at = (np.array([line.place for line in lines]) for lines in (own, theirs))
-    a, b = (np.array([line.amplitude for line in lines]) for lines in (own, theirs))
-    a = a * load_over_torque(scenario, f, name, there=there) if own else a
-    b = b * load_over_torque(wing.alone, at, name, there=not there) if theirs else b
-    for k, line in enumerate(own):
-        near = np.abs(at - f[k]) < SEPARATION / scenario.record.duration
-        most = float(a[k] + np.sum(b[near]))
-        if np.any(near) and limit.holds(f[k]) and most > limit.strictest(f[k], f[k]):
+    own = AddedTorque.of_load(first, scenario, name, there=there)
+    theirs = AddedTorque.of_load(second, wing.alone, name, there=not there)
+    unit = "N" if name.startswith("F") else "N m"
+    for line, f, size in zip(own.names, own.frequency, own.amplitude, strict=True):
+        added = theirs.beside(f)
+        if added > 0.0 and limit.holds(f) and size + added > limit.strictest(f, f):
             yield (
-                f"{line.name} of both drives, up to {1e3 * most:.4g} m{'N' if name.startswith('F') else 'N m'}"
+                f"{line} of both drives, up to {1e3 * (size + added):.4g} m{unit}"
                 " as their clocks drift through all phases, which the record does not show"
             )
 
