@@ -235,10 +235,7 @@ def _current_loop_reason(scenario: Scenario) -> str:
     """Reason why the currents of a drive are not yet those that last: the integral part of their loop has a
     slow pole near K_I / (K_P + R); empty where it has died away.
     """
-    driver, motor = scenario.driver, scenario.motor
-    if driver.drive != "current" or driver.integral_gain == 0.0:
-        return ""
-    decay = driver.integral_gain / (driver.proportional_gain + motor.winding_resistance)
+    decay = scenario.driver.slow_decay(scenario.motor)
     settled = time_to_settle(scenario)
     if decay * settled >= _LOOP_EFOLDINGS:
         return ""

@@ -20,7 +20,7 @@ from microvib.errors import error_context
 from microvib.former_names import FormerName
 from microvib.model.linear import sliding_growth
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.model.turning import GROWN_EFOLDINGS, turning_drive
+from microvib.model.turning import GROWN_EFOLDINGS, growth_over_angle, turning_drive
 from microvib.solve.integration import (
     SECOND_WING,
     Progress,
@@ -470,9 +470,10 @@ def _check_grown(run: RunFromRest) -> None:
     nothing, and took too little time to be seen.
     """
     scenario = run.period.scenario
-    if sliding_growth(scenario) > 0.0:  # then friction stirs them, and they are large at once
+    if sliding_growth(scenario) > 0.0:  # then friction excites them, and they are large at once
         return
-    growth = turning_drive(scenario).growth
+    over_angle = (one.growth for one in growth_over_angle(scenario))
+    growth = max(turning_drive(scenario).growth, *over_angle, 0.0)
     if 0.0 < run.simulated * growth < GROWN_EFOLDINGS:
         raise NotPeriodic(
             "deviations from smooth turning grow so slowly that what they become was not seen in"
