@@ -21,7 +21,8 @@ from support.scenarios import limit_of
 import microvib as mv
 from microvib.analysis.limits import judge
 from microvib.model.linear import coupled_modes
-from microvib.model.turning import decay_in_motion, growth_over_angle, turning_drive
+from microvib.model.parametric import decay_in_motion, growth_over_angle
+from microvib.model.turning import turning_drive
 from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
 from microvib.solve.steady.search import Search
@@ -155,6 +156,7 @@ def test_what_varies_over_the_angle_of_a_shaft_may_keep_a_mode_ringing(changes, 
     assert fed.what == key
     assert fed.modes == ("drive_resonance_1",)
     [mode] = [m for m in coupled_modes(drive) if m.name == "drive_resonance_1"]
+    assert fed.may_grow
     assert fed.growth == pytest.approx(fed.rate - mode.decay)
     assert decay_in_motion(mode, drive) < 0.0
     long = drive.with_({"record.settle": f"{settle} s", "record.duration": f"{apart + 4} s"})

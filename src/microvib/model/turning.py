@@ -12,28 +12,23 @@ multiplied over each period T by the eigenvalues mu of the monodromy matrix,
 
 A mode grows where the variation meets twice its frequency, or a sum of two (parametric resonance),
 and decays more slowly nearby. The rotor's own motion by what varies is that of the drive with a
-constant stiffness. Errors of a gear, and friction over the angle, count to first order
-(``growth_over_angle``).
+constant stiffness. Errors of a gear, and friction over the angle, are not in it
+(``microvib.model.parametric``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.model.drive_matrices import coordinates, drive_matrices
+from microvib.model.drive_matrices import drive_matrices
 from microvib.model.driver import references_over_electrical_period
-from microvib.model.line_names import electrical_line
 from microvib.model.linear import (
-    CoupledMode,
     coupled_modes,
-    held_motor,
-    matrices,
     undamped_rounding,
 )
 from microvib.model.load import Load
@@ -64,13 +59,8 @@ _LARGEST_MOTION = 0.5
 """Electrical angle [rad] by which the rotor is taken to move at most by what varies."""
 _SLOWEST = 1e-9j
 """Complex frequency [rad/s] in place of 0 behind an integrator."""
-_LEAST_GROWTH = 0.5
-"""Growth to first order, over a mode's own decay, from which it may be kept ringing."""
 _LARGEST_EXPONENT = 300.0
 """Growth over a period, as exponent of e, that can be computed."""
-_DETUNED = 0.01
-"""Part of its frequency by which a variation may be off the sum of two modes' and feed them in full: what is
-not linear shifts them."""
 _ROUNDING = 10.0
 """Times the rounding of eigenvalues that, but for it, are zero."""
 
@@ -174,170 +164,6 @@ def dynamic_stiffness_of_windings(
     own, w = _Windings(scenario, omega_e, 0.0, 1.0, 0.0), np.asarray(omega, dtype=float)
     with_turn, against = (1j * (omega_e + x) / own.impedance(x) for x in (w, -w))
     return np.asarray(0.5 * motor.axis_torque_constant**2 * (with_turn + against.conj()))
-
-
-def decay_in_motion(mode: CoupledMode, scenario: Scenario) -> float:
-    """Rate [1/s] at which the ringing of a mode dies away while the drive turns, at least that by
-    its damping where the variation of the motor's stiffness adds to that; negative where it grows.
-    """
-    over_angle = growth_over_angle(scenario)
-    return min(
-        mode.decay,
-        turning_drive(scenario).decay.get(mode.name, math.inf),
-        mode.decay - max((x.rate for x in over_angle if mode.name in x.modes), default=0.0),
-    )
-
-
-class ParametricResonance(NamedTuple):
-    """A mode, or two, that varying stiffness may keep ringing at some rate."""
-
-    mode: CoupledMode
-    """The one, or the lower of the two."""
-    frequency: float
-    """Frequency of the variation there [Hz]: twice the mode's, or the sum of both."""
-    order: float
-    """Cycles of what varies per turn of the output."""
-    line: str
-    """Name of the line that rings, of half that order."""
-
-
-def parametric_resonances(scenario: Scenario) -> tuple[ParametricResonance, ...]:
-    """Modes that detent torque, flux harmonics, errors of the gear and friction over the angle may keep
-    ringing, at whatever rate; the torque of friction is that at the rate of the record.
-
-    To first order a stiffness k cos(omega t) on the rotor makes a mode grow at k phi^2 / (4 omega_0)
-    where omega is twice its frequency omega_0, and two at k phi phi' / (4 sqrt(omega_0 omega_0'))
-    where it is the sum of theirs; phi is what the rotor moves in a mode of unit modal mass. What is
-    well below their own decay is left out.
-    """
-    modes = [m for m in coupled_modes(scenario) if m.frequency > 0.0]
-    if not modes:
-        return ()
-    decay = np.sqrt(np.maximum([m.decay for m in modes], 0.0))
-    found = []
-    variations = (*_variations_of_spring(scenario, modes), *_variations_over_angle(scenario, modes))
-    for varies in variations:
-        grows = varies.fed > _LEAST_GROWTH * np.outer(decay, decay)
-        for i, j in np.argwhere(np.triu(grows)).tolist():
-            lower = min(modes[i], modes[j], key=lambda mode: mode.frequency)
-            both = modes[i].frequency + modes[j].frequency
-            found.append(ParametricResonance(lower, both, varies.order, varies.half_line))
-    return tuple(found)
-
-
-class _Variation(NamedTuple):
-    """Variation over the angle that feeds modes."""
-
-    key: str
-    order: float
-    """Cycles per turn of the output."""
-    half_line: str
-    """Name of a line of half that order."""
-    fed: np.ndarray
-    """Rate [1/s] of each pair of modes where it meets the sum of their frequencies, (k, k)."""
-
-
-def _variations_of_spring(scenario: Scenario, modes: Sequence[CoupledMode]) -> Iterator[_Variation]:
-    """Detent torque and flux harmonics."""
-    orders = scenario.motor.stiffness_orders
-    if not orders:
-        return
-    rotor = np.abs(_shapes_of(modes, scenario).shafts[0])
-    electrical_turns = scenario.motor.rotor_teeth * abs(scenario.reducer.h)
-    for order, stiffness in orders.items():
-        fed = stiffness * np.outer(rotor, rotor)
-        half = electrical_line(order // 2)
-        yield _Variation("motor.detent_torque", order * electrical_turns, half, fed)
-
-
-class _ModeShapes(NamedTuple):
-    """Motions and torques of modes, of unit modal mass and over twice the root of their angular frequency."""
-
-    shafts: np.ndarray
-    """Angles of rotor and output, (2, k)."""
-    gear_torque: np.ndarray
-    """Torque of the gear on the output, but for its sign, (k,) [N m]."""
-
-
-def _shapes_of(modes: Sequence[CoupledMode], scenario: Scenario) -> _ModeShapes:
-    """Shapes of the ``modes`` of the undamped drive."""
-    from scipy.linalg import eigh  # slow to import
-
-    M, _, K = matrices(scenario)
-    squares, shapes = eigh(K, M)
-    natural = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
-    nearest = [int(np.argmin(np.abs(natural - m.frequency))) for m in modes]
-    omega = np.array([2.0 * math.pi * m.frequency for m in modes])
-    reducer = scenario.reducer
-    without_gear = reducer.model_copy(update={"stiffness": 0.0, "damping": 0.0})
-    M, _, K = drive_matrices(held_motor(scenario), without_gear, scenario.friction, scenario.load)
-    moved = coordinates(reducer, M.shape[0] - 2) @ shapes[:, nearest] / (2.0 * np.sqrt(omega))
-    return _ModeShapes(moved[:2], K[1] @ moved - omega**2 * (M[1] @ moved))
-
-
-class GrowthOverAngle(NamedTuple):
-    """Rate by which what varies over the angle of a shaft feeds one mode, or two."""
-
-    what: str
-    """Key of what varies."""
-    modes: tuple[str, ...]
-    rate: float
-    """[1/s], before the modes' own decay."""
-    growth: float
-    """With it; negative where they die away."""
-
-
-@lru_cache(maxsize=32)
-def growth_over_angle(scenario: Scenario) -> tuple[GrowthOverAngle, ...]:
-    """Find the modes that an error of the gear, or friction over the angle, feeds at the rate of the record.
-
-    To first order they feed modes as detent torque does (``parametric_resonances``), less the more the
-    frequency of the variation is off the sum of theirs, to within a hundredth. Roughness is left out.
-    """
-    modes = [m for m in coupled_modes(scenario) if m.frequency > 0.0]
-    if not modes or not scenario.rate:
-        return ()
-    found = []
-    turns = abs(scenario.rate) / (2.0 * math.pi)
-    f, decay = np.array([m.frequency for m in modes]), np.array([m.decay for m in modes])
-    for varies in _variations_over_angle(scenario, modes):
-        frequency = varies.order * turns
-        off = np.abs(f[:, None] + f - frequency) - _DETUNED * frequency
-        left = varies.fed**2 - (math.pi * np.maximum(off, 0.0)) ** 2
-        for i, j in np.argwhere(np.triu(left > 0.0)).tolist():
-            rate = math.sqrt(left[i, j])
-            names = tuple({modes[i].name, modes[j].name})
-            found.append(
-                GrowthOverAngle(varies.key, names, rate, rate - math.sqrt(decay[i] * decay[j]))
-            )
-    return tuple(found)
-
-
-def _variations_over_angle(
-    scenario: Scenario, modes: Sequence[CoupledMode]
-) -> Iterator[_Variation]:
-    """Variations over the angle of a shaft that feed ``modes`` at the rate of the record.
-
-    An error of the gear varies its ratio. To first order that is a torque on the rotor by the gear's
-    torque in a mode, and a motion of the output by the rotor's, and the gear's mean torque becomes a spring.
-    Friction that changes with the angle is a spring on the output, of its slope.
-    """
-    reducer, friction = scenario.reducer, scenario.friction
-    harmonics = friction.position.harmonics if friction.position else ()
-    if not reducer.errors and not harmonics:
-        return
-    (rotor, output), torque = _shapes_of(modes, scenario)
-    held = abs(friction.torque(float(scenario.rate or 0.0)))
-    of_ratio = np.outer(rotor, torque) + np.outer(torque, rotor)
-    for one in reducer.errors:
-        order = float(one.order)
-        slope, bend = order * one.amplitude, order**2 * one.amplitude
-        fed = np.abs(slope * of_ratio + 1j * held * bend * np.outer(rotor, rotor))
-        half = f"half of {one.line}"
-        yield _Variation("reducer.transmission_error", order * abs(reducer.h), half, fed)
-    for each in harmonics:
-        fed = each.order * each.amplitude * held * np.abs(np.outer(output, output))
-        yield _Variation("friction.position", each.order, f"half of friction_{each.order}", fed)
 
 
 class _Turning:

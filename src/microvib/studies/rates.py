@@ -60,9 +60,9 @@ from microvib.model.linear import (
     matrices,
 )
 from microvib.model.other_hinge import OtherHinge, other_hinge, torque_at_other_interface
+from microvib.model.parametric import decay_in_motion, parametric_resonances
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.model.turning import decay_in_motion, parametric_resonances
 from microvib.results import FREQUENCY, MICROSTEPS, ORDER, RATE, TORQUE, Column, former_field
 from microvib.signals.limit_curve import EVERYWHERE, Limit, LimitCurve
 from microvib.signals.limit_curve import in_band as limit_in_band

@@ -29,9 +29,9 @@ from functools import reduce
 import numpy as np
 
 from microvib.model.linear import coupled_modes
+from microvib.model.parametric import growth_over_angle
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
-from microvib.model.turning import growth_over_angle
 from microvib.solve import kernel
 from microvib.solve.steady.arrival import PeriodicMotion, confirm_reached_from_rest
 from microvib.solve.steady.from_rest import RingingTimes, RunFromRest, rms
@@ -508,7 +508,7 @@ def _cause_of_ringing(scenario: Scenario) -> str:
             " sustains the ringing of a mode (parametric resonance)"
         )
     if fed := growth_over_angle(scenario):
-        key = max(fed, key=lambda one: one.growth).what
+        key = max(fed, key=lambda one: one.rate).what
         return f"{key} sustains the ringing of a mode (parametric resonance)"
     return "ringing is hardly damped"
 
