@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from microvib.analysis.margins import FREQUENCY_SIGMAS
 from microvib.io.tables import rows_csv
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Text
@@ -150,13 +151,13 @@ _UNITS = {
 
 def harmonics_csv(found: MeasuredWheel) -> str:
     """Table of harmonics as ``wheel.table`` reads it."""
-    columns = ["order"]
+    columns = ["order", "order_error"]
     for load in found.maps:
         unit = f"{_UNITS[load]}_s2_rad2"
         columns += [f"{load}_{unit}", f"{load}_least_{unit}", f"{load}_most_{unit}"]
     rows = []
     for x in found.harmonics:
-        row: list[float | str] = [x.order]
+        row: list[float | str] = [x.order, FREQUENCY_SIGMAS * x.uncertainty]
         for load in found.maps:
             c = x.coefficients[load]
             row += [c.value, c.least, c.most]

@@ -9,6 +9,7 @@ were tried.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -29,6 +30,12 @@ _MOST_STEPS = 20
 _MOST_RIDGES = 200
 _RATIO_STEP = 0.04
 """Step of the ratio of moments of inertia among whirling modes that are tried."""
+_STEADY = 1.5
+"""Bins by which a line may move during a spectrum that tells its order, or times what the quarter of the
+steadiest spectra have."""
+_GROWTH_UNKNOWN = 0.25
+"""Part of the correction for the growth of a line during a spectrum that is a standard uncertainty
+(assumed)."""
 _APART = 3
 """Bins by which backward and forward whirl must differ to be counted as two."""
 
@@ -49,6 +56,9 @@ class PowerMap:
     """By how much the speed changes during a spectrum [rad/s], (n,); None where it does not."""
     axes: tuple[np.ndarray, ...] = ()
     """Powers of either axis, each (n, m), where these are the mean of two; else none."""
+    centre: np.ndarray | None = None
+    """Speed [rad/s] at the mean frequency of a line whose amplitude goes with the square of the speed, (n,);
+    None where the speed does not change during a spectrum."""
 
     @property
     def of_axes(self) -> tuple[PowerMap, ...]:
@@ -68,6 +78,11 @@ class PowerMap:
         if self.spread is None:
             return np.zeros(self.speed.size)
         return self.spread
+
+    @property
+    def centre_of_lines(self) -> np.ndarray:
+        """Speed [rad/s] at the mean frequency of a line, (n,)."""
+        return self.speed if self.centre is None else self.centre
 
     @property
     def spacing(self) -> float:
@@ -330,12 +345,20 @@ class _Search:
         )
 
     def _centre(self, bins: np.ndarray, order: float) -> tuple[float, float]:
-        """The order by the centres of its cells, and its standard uncertainty."""
-        reach = np.arange(-2, 3)
-        found, weights = [], []
+        """The order by the centres of its cells, and its standard uncertainty.
+
+        Spectra during which its line moves much farther than during others are left out. Where a line
+        does not grow with the square of the speed, as near a mode, its centre is elsewhere by about the
+        correction for that growth, a part of which is in the uncertainty.
+        """
+        smear = order * self.one.smear / (2.0 * np.pi * self.one.spacing)
+        steady = smear <= max(_STEADY * float(np.quantile(smear, 0.25)), _STEADY)
+        turns = self.one.centre_of_lines / (2.0 * np.pi)
+        found, weights, corrected = [], [], []
         for one, free in zip(self.maps, self.free, strict=True):
-            for i in np.flatnonzero(bins >= 0):
-                near = bins[i] + reach
+            for i in np.flatnonzero((bins >= 0) & steady):
+                reach = 2 + math.ceil(0.5 * smear[i])
+                near = bins[i] + np.arange(-reach, reach + 1)
                 if near[0] < 0 or near[-1] >= one.frequency.size or not free[i, near].all():
                     continue
                 level = one.level[i, near]
@@ -343,14 +366,18 @@ class _Search:
                     continue
                 power = np.maximum(one.power[i, near] - one.floor[i, near], 0.0)
                 f = float(power @ one.frequency[near] / power.sum())
-                found.append(f / self.turns[i])
-                weights.append(min(float(level.max()), 100.0) * self.turns[i] ** 2)
+                found.append(f / turns[i])
+                weights.append(min(float(level.max()), 100.0) * turns[i] ** 2)
+                corrected.append(turns[i] / self.turns[i] - 1.0)
         if len(found) < 3:
             return order, 0.5 * self.one.spacing / float(self.turns[-1])
-        values, w = np.array(found), np.array(weights)
-        mean = float(w @ values / w.sum())
-        scatter = np.sqrt(float(w**2 @ (values - mean) ** 2)) / float(w.sum())
-        return mean, float(max(scatter, 0.01 * self.one.spacing / self.turns[-1]))
+        values, w = np.array(found), np.array(weights) / np.sum(weights)
+        mean = float(w @ values)
+        # Spectra that overlap by half, and loads of one run, are not independent.
+        scatter = math.sqrt(2.0 * len(self.maps) * float(w**2 @ (values - mean) ** 2))
+        of_growth = _GROWTH_UNKNOWN * mean * abs(float(w @ corrected))
+        least = 0.01 * self.one.spacing / self.turns[-1]
+        return mean, max(math.hypot(scatter, of_growth), least)
 
     def _strike(self, bins: np.ndarray) -> float:
         """Strike out the cells of a path, down to the floor or the next rise on either side; the median

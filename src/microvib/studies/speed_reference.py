@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +32,9 @@ from microvib.solve.command import Command
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.units import GivenQuantity, Si, convert, quantity
 
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
 CLOCKS = ("found", "stated")
 """Whether the clock is looked for in the record, or taken as it is stated."""
 _MIN_PULSES = 8
@@ -39,7 +43,9 @@ _HYSTERESIS = 0.2
 
 
 _WORTH = 0.85
-"""Part of the scatter of a tacho's edges to which twice as many knots must bring it."""
+"""Part of the scatter of a tacho's edges to which more knots must bring it."""
+_REVOLUTIONS = 4.0
+"""Revolutions between knots at the least, where twice as many as before are not enough."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +150,7 @@ def of_tacho(recording: Recording, channel: str, pulses_per_rev: float) -> Refer
             f" {at:.5g} s"
         )
     part = slice(math.ceil(places[0]), math.floor(places[-1]) + 1)
-    phase, scatter = _through_pulses(places, part)
+    phase, scatter = _through_pulses(places, part, pulses_per_rev)
     phase /= pulses_per_rev
     if np.any(np.diff(phase) <= 0.0):
         raise RecordingError(f"{recording.title}: tacho {channel}: its speed is not above zero")
@@ -155,31 +161,40 @@ def of_tacho(recording: Recording, channel: str, pulses_per_rev: float) -> Refer
     return Reference(np.asarray(phase), part, words)
 
 
-def _through_pulses(places: np.ndarray, part: slice) -> tuple[np.ndarray, float]:
+def _through_pulses(
+    places: np.ndarray, part: slice, pulses_per_rev: float
+) -> tuple[np.ndarray, float]:
     """Pulses counted at the samples of a part, (n,), as a smooth curve, and the scatter of the edges
     about it [samples].
 
-    Its knots are doubled as long as that brings the edges nearer by more than noise would.
+    Its knots are doubled as long as that brings the edges nearer by more than noise would. Speeds that are
+    held one after the other need as many knots as there are: fewer than that tell nothing, so doubling
+    goes on where it helps later, unless that follows what a revolution repeats.
+    """
+    count = np.arange(places.size, dtype=float)
+    at = np.arange(part.start, part.stop)
+    most = [2**k for k in range(places.size.bit_length()) if 4 * 2**k <= places.size]
+    if not most:
+        return np.interp(at, places, count), 0.0
+    splines = [_spline_through(places, count, intervals) for intervals in most]
+    chosen, turns = 0, places.size / max(pulses_per_rev, 1.0)
+    for k in range(1, len(splines)):
+        nearer = splines[k][1] <= _WORTH * splines[chosen][1]
+        if nearer and (k == chosen + 1 or _REVOLUTIONS * most[k] <= turns):
+            chosen = k
+    return np.asarray(splines[chosen][0](at)), splines[chosen][1]
+
+
+def _spline_through(places: np.ndarray, count: np.ndarray, intervals: int) -> tuple[BSpline, float]:
+    """Cubic spline through the pulses with even ``intervals`` between its knots, and the scatter of the edges
+    about it [samples].
     """
     from scipy.interpolate import make_lsq_spline
 
-    count = np.arange(places.size, dtype=float)
-    per_sample = np.gradient(count, places)
-    at = np.arange(part.start, part.stop)
-    best, scatter = None, math.inf
-    intervals = 1
-    while 4 * intervals <= places.size:
-        inner = np.interp(np.linspace(0.0, count[-1], intervals + 1)[1:-1], count, places)
-        knots = np.r_[[places[0]] * 4, inner, [places[-1]] * 4]
-        spline = make_lsq_spline(places, count, knots)
-        squares = ((spline(places) - count) / per_sample) ** 2
-        found = math.sqrt(float(np.sum(squares)) / max(places.size - intervals - 3, 1))
-        if found > _WORTH * scatter:
-            break
-        best, scatter, intervals = spline, found, 2 * intervals
-    if best is None:
-        return np.interp(at, places, count), 0.0
-    return np.asarray(best(at)), scatter
+    inner = np.interp(np.linspace(0.0, count[-1], intervals + 1)[1:-1], count, places)
+    spline = make_lsq_spline(places, count, np.r_[[places[0]] * 4, inner, [places[-1]] * 4])
+    squares = ((spline(places) - count) / np.gradient(count, places)) ** 2
+    return spline, math.sqrt(float(np.sum(squares)) / max(places.size - intervals - 3, 1))
 
 
 def _rises(x: np.ndarray, level: float, margin: float) -> np.ndarray:

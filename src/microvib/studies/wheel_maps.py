@@ -29,6 +29,8 @@ AMPLITUDES = ("peak", "rms", "power", "psd")
 LOBES: dict[Window, int] = {"rectangular": 6, "hann": 2, "flat-top": 4}
 """Bins on either side of a line that hold its power."""
 _NAMED = re.compile(rf"(.*?(?:{'|'.join(re.escape(x) for x in ENDINGS)}|\.\w+))(?::(.+))?", re.I)
+_NEAR_HELD = 0.25
+"""Part of the change of speed in a slice within which its ends are held speeds, and these are held."""
 _SLICES = 0.5
 """Overlap of the slices of a run-up."""
 
@@ -138,6 +140,20 @@ def _power(one: SpectraOverSpeed, given: Given, size: float) -> np.ndarray:
 # ---- Run-ups ----
 
 
+def _crosses(slices: Sequence[np.ndarray], mean: np.ndarray) -> np.ndarray:
+    """Slices in which the speed goes from one that is held in others to another such, (n,): at their mean
+    speed the wheel hardly is, and the lines of both are beside those of the mean.
+    """
+    low, high = np.array([(x.min(), x.max()) for x in slices]).T
+    spread = high - low
+    found = np.zeros(mean.size, dtype=bool)
+    for k, reach in enumerate(_NEAR_HELD * spread):
+        held = mean[spread < reach]
+        near = [np.any(np.abs(held - end) < reach) for end in (low[k], high[k])]
+        found[k] = all(near)
+    return found
+
+
 def maps_of_recording(
     path: str,
     channels: Mapping[str, Sequence[str]],
@@ -173,7 +189,13 @@ def maps_of_recording(
     kept = f <= highest * rate
     slices = [speed[k : k + samples] for k in starts]
     mean = np.array([float(window @ x / window.sum()) for x in slices])
+    kept_slices = ~_crosses(slices, mean)
+    starts, mean = starts[kept_slices], mean[kept_slices]
+    slices = [x for x, keep in zip(slices, kept_slices, strict=True) if keep]
     spread = np.array([float(np.ptp(x)) for x in slices])
+    # The mean frequency of a spectrum is that of its instants by their power, in which later ones of a
+    # run-up have more.
+    centre = np.array([float(window**2 * x**4 @ x / (window**2 @ x**4)) for x in slices])
     order = np.argsort(mean)
     found = {}
     for load, names in channels.items():
@@ -191,6 +213,6 @@ def maps_of_recording(
             each = [power[np.ix_(order, kept)] for power in powers]
             found[load] = PowerMap(
                 mean[order], f[kept], np.mean(each, axis=0), LOBES["hann"], spread[order],
-                axes=tuple(each) if len(each) > 1 else (),
+                axes=tuple(each) if len(each) > 1 else (), centre=centre[order],
             )  # fmt: skip
     return found

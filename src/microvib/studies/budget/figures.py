@@ -639,7 +639,7 @@ def crossing_bounds(
             if not met.any():
                 continue
             reach = _meeting_reach(f[met])
-            at = _frequencies_that_count_most(r, f[met], reach)
+            at = frequencies_that_count_most(r, f[met], reach)
             together = np.abs(np.subtract.outer(f[met], f[met])) <= np.add.outer(reach, reach)
             A_met = together @ A[met]  # lines so near to each other are met together
             if r.curve is not None:
@@ -668,7 +668,9 @@ def beat_bounds(
         if other is not one:
             reach = np.maximum(SLOW, frequency_approach(one, other))
         else:
-            reach = SLOW
+            # of one clock, but orders of a wheel, and what is not the clock's
+            clocks = frequency_error_bound(f) + frequency_error_bound(g)
+            reach = np.maximum(SLOW, np.add.outer(one.off, one.off) - clocks)
         near = (
             (apart > FREQUENCY_TOLERANCE * f)
             & (apart < reach)
@@ -681,7 +683,7 @@ def beat_bounds(
         i, j, middle, reach = i[counted], j[counted], middle[counted], reach[counted]
         if not i.size:
             continue
-        at = _frequencies_that_count_most(r, middle, reach)
+        at = frequencies_that_count_most(r, middle, reach)
         A, a = np.abs(one.los[i]), np.abs(other.los[j])
         if r.curve is not None:
             most = A + a
@@ -706,7 +708,7 @@ def _reaches_band(r: Requirement, frequency: np.ndarray, reach: np.ndarray) -> n
     return np.asarray(np.abs(np.clip(frequency, r.lowest, highest) - frequency) <= reach)
 
 
-def _frequencies_that_count_most(
+def frequencies_that_count_most(
     r: Requirement, frequency: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
     """Frequencies (k,) [Hz] of the band, off by ``reach`` (k,) at most, at which lines count most:

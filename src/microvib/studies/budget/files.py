@@ -242,12 +242,20 @@ LOADS_OF_WHEEL = ("radial_force", "radial_torque", "axial_force", "axial_torque"
 """Keys of the coefficients of a harmonic."""
 
 
+MAX_ORDER_ERROR = 0.1
+"""Part of its order by which a harmonic may be off at most."""
+
+
 class WheelHarmonic(Part):
     """Disturbance of a wheel at ``order`` times its speed: coefficient times the square of the
     speed.
     """
 
     order: Annotated[float, Quantity("", "cycles per turn", gt=0, le=100)]
+    order_error: Annotated[
+        float,
+        Quantity("", "by how much its order may be smaller or larger, in cycles per turn", ge=0),
+    ] = 0.0
     radial_force: Annotated[
         float, Quantity(_PER_SPEED["force"], "rotating force across the axis", ge=0)
     ] = 0.0
@@ -287,6 +295,11 @@ class WheelHarmonic(Part):
         loads = {f"{load}{end}" for load in LOADS_OF_WHEEL for end in ("", "_least", "_most")}
         if not loads & self.model_fields_set:
             yield f"has no coefficient: one of {', '.join(LOADS_OF_WHEEL)} is expected"
+        if self.order_error > MAX_ORDER_ERROR * self.order:
+            yield (
+                f"order_error: {self.order_error:g} is more than {MAX_ORDER_ERROR:g} of order, {self.order:g}; give the"
+                " order more exactly, or several harmonics"
+            )
         for load in LOADS_OF_WHEEL:
             value, (least, most) = getattr(self, load), self.ends(load)
             if least > value:

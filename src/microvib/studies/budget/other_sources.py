@@ -102,9 +102,11 @@ def excitation_of(source: OtherSource, files: FileAccess) -> Excitation:
     with error_context(f"sources: {source.name}"):
         if source.wheel is not None:
             harmonics = _with_table(source.wheel, files).harmonics
-            turns = np.unique([h.order for h in harmonics]) / (2.0 * math.pi)
+            low, high = np.array(
+                [(h.order - h.order_error, h.order + h.order_error) for h in harmonics]
+            ).T / (2.0 * math.pi)
             speed = source.wheel.speed
-            return Excitation(speed * turns, (source.wheel.speed_to or speed) * turns)
+            return Excitation(speed * low, (source.wheel.speed_to or speed) * high)
         none = np.zeros(0)
         if source.lines is None and source.density is None:
             return Excitation(none, none)
@@ -137,6 +139,8 @@ _COEFFICIENTS = {
     for key, unit in _HARMONIC_UNITS.items()
 }
 """Columns of a table of harmonics: what each is, and its unit in N s^2/rad^2 or N m s^2/rad^2."""
+_ORDER_ERROR = "order_error"
+"""Column of by how much each order may be smaller or larger."""
 
 
 def _with_table(wheel: Wheel, files: FileAccess) -> Wheel:
@@ -146,7 +150,10 @@ def _with_table(wheel: Wheel, files: FileAccess) -> Wheel:
     path = files.under("wheel.table").path(wheel.table)
     require_unchanged(path, EDITED_COPY)
     rows = dict_rows(
-        path, ("order", *_COEFFICIENTS), what="harmonics of a wheel", needed=("order",)
+        path,
+        ("order", _ORDER_ERROR, *_COEFFICIENTS),
+        what="harmonics of a wheel",
+        needed=("order",),
     )
     columns = [name for name in _COEFFICIENTS if rows and name in rows[0]]
     keys = [_COEFFICIENTS[name][0] for name in columns]
@@ -161,6 +168,8 @@ def _with_table(wheel: Wheel, files: FileAccess) -> Wheel:
         harmonics = []
         for k, row in enumerate(rows, 2):
             given: dict[str, Any] = {"order": _above_zero(k, row, "order")}
+            if _ORDER_ERROR in row:
+                given[_ORDER_ERROR] = _above_zero(k, row, _ORDER_ERROR, allowed=True)
             for name in columns:
                 key, size = _COEFFICIENTS[name]
                 given[key] = Si(size * _above_zero(k, row, name, allowed=True))

@@ -52,6 +52,8 @@ MAX_METRIC_WEIGHT: dict[Metric, float] = {
 _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 _OFFSETS = np.linspace(-1.0, 1.0, 17)
 """Parts of what a frequency may be off at which side lines are looked at."""
+_OFFSET_SPACING = 2e-4
+"""Relative distance of these for lines that are farther off than clocks; assumed."""
 _COARSE = 0.05
 """Cycles of a metric's weight between neighbours of a grid, above which the largest weight counts."""
 _INSTANTS = np.array([0.0, 0.5, 1.0])
@@ -614,6 +616,21 @@ def _with_own_switching(craft: DriveStates) -> DriveStates:
     return replace(craft, springs=tuple(springs))
 
 
+def spread(frequency: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """Frequencies [Hz] at which lines (k,) are looked at that may be ``off`` (k,) [Hz], (k, m): as near to each
+    other, for those that are farthest off, as resonances are wide.
+    """
+    part = float(np.max(off / np.maximum(frequency, 1e-300), initial=0.0))
+    number = max(_OFFSETS.size, 2 * math.ceil(part / _OFFSET_SPACING) + 1)
+    return np.asarray(frequency[:, None] + off[:, None] * np.linspace(-1.0, 1.0, number))
+
+
+def _largest_motion(one: Shaft | MotorSine, at: np.ndarray, each: np.ndarray) -> np.ndarray:
+    """Largest motion [rad] of lines that may be at (k, m) [Hz] by forces ``each`` (k m, n, c), (k,)."""
+    moved = one.motion(at.ravel(), each).sum(axis=1).reshape(at.shape)
+    return np.asarray(moved.max(axis=1, initial=0.0))
+
+
 class _OfWing(Protocol):
     """Something of the drive of a wing, by its number."""
 
@@ -747,22 +764,26 @@ class TurningDrives:
         moved = np.array([elongation(row) for row in on]).T[:, :, None]
         return np.abs(np.linalg.solve(self.craft.response(frequency, on.T, on), moved)[:, :, 0]).T
 
-    def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:
+    def of_lines(
+        self, frequency: np.ndarray, forces: np.ndarray, off: np.ndarray | None = None
+    ) -> SideLines | None:
         """Side lines of lines at frequencies (k,) [Hz] by ``forces`` (k, n, c) on the coordinates,
-        whose c parts have unknown phases.
+        whose c parts have unknown phases; these may be ``off`` (k,) [Hz], or by their clocks.
         """
-        found = self._of(self._spread(frequency), self._on(frequency, forces))
-        motions = [one.motion(frequency, forces).sum(axis=1) for one in self.shafts]
-        speeds = [2.0 * np.pi * frequency * u for u in motions]
-        found = self._with_shafts(found, _sums(motions), _sums(speeds))
-        return _with_anywhere(found, self._of_all_lines(frequency, forces))
-
-    def _of_all_lines(self, frequency: np.ndarray, forces: np.ndarray) -> tuple[Anywhere, ...]:
-        """Motion that friction and motors make of lines at frequencies that are not known."""
-        at = self._spread(frequency)
+        at = self._spread(frequency) if off is None else spread(frequency, off)
         each = np.repeat(forces, at.shape[1], axis=0)
+        found = self._of(at, self._on(at, each))
+        motions = [_largest_motion(one, at, each) for one in self.shafts]
+        speeds = [2.0 * np.pi * at.max(axis=1, initial=0.0) * u for u in motions]
+        found = self._with_shafts(found, _sums(motions), _sums(speeds))
+        return _with_anywhere(found, self._of_all_lines(at, each))
+
+    def _of_all_lines(self, at: np.ndarray, each: np.ndarray) -> tuple[Anywhere, ...]:
+        """Motion that friction and motors make of lines at frequencies that are not known: of those that
+        may be at (k, m) [Hz] by forces ``each`` (k m, n, c).
+        """
         norms = self.norm(at.ravel(), each).reshape(at.shape).max(axis=1, initial=0.0)
-        swings = [one.motion(frequency, forces).sum(axis=1) for one in self.sines]
+        swings = [_largest_motion(one, at, each) for one in self.sines]
         peaks = [float(np.sum(u)) for u in swings]
         torques = [
             float(one.torque(at.ravel(), one.motion(at.ravel(), each)).sum(axis=1).reshape(at.shape).max(axis=1, initial=0.0).sum())
@@ -792,12 +813,10 @@ class TurningDrives:
 
     def _spread(self, frequency: np.ndarray) -> np.ndarray:
         """Frequencies that lines (k,) may have, (k, m)."""
-        return np.asarray(frequency[:, None] * (1.0 + CLOCK_UNCERTAINTY * _OFFSETS))
+        return spread(frequency, CLOCK_UNCERTAINTY * frequency)
 
-    def _on(self, frequency: np.ndarray, forces: np.ndarray) -> list[np.ndarray]:
-        """Motion of each drive in its directions (r, k, m) by forces (k, n, c)."""
-        at = self._spread(frequency)
-        each = np.repeat(forces, at.shape[1], axis=0)
+    def _on(self, at: np.ndarray, each: np.ndarray) -> list[np.ndarray]:
+        """Motion of each drive in its directions (r, k, m) by forces (k m, n, c) at frequencies (k, m)."""
         moved = [one.motion(at.ravel(), each).sum(axis=2).T for one in self.drives]
         return [u.reshape(len(u), *at.shape) for u in moved]
 

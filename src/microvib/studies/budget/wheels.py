@@ -30,6 +30,7 @@ from microvib.signals.pointing import (
     metric_weight,
     windowed_amplitudes,
 )
+from microvib.studies.budget.figures import frequencies_that_count_most
 from microvib.studies.budget.files import Requirement, Wheel, WheelMode
 from microvib.studies.budget.side_lines import (
     MAX_METRIC_GAIN,
@@ -37,6 +38,7 @@ from microvib.studies.budget.side_lines import (
     Anywhere,
     SideLines,
     TurningDrives,
+    spread,
     turning_drives,
 )
 from microvib.studies.budget.sources import (
@@ -132,9 +134,10 @@ class WheelOnCraft:
         """Side lines of each order at its speed, of both ways round together: a bound on those of either."""
         speed, _ = self.speeds
         (f,) = self.frequencies(np.array([speed]))
-        gain = self._gain(f[:, None]).most[:, :, :, 0].transpose(0, 2, 1)
+        off = self._off(f)
+        gain = self._gain(spread(f, off)).most.max(axis=-1).transpose(0, 2, 1)
         forces = self._forces() * gain[:, :, None, :] * speed**2
-        return self.turning.of_lines(f, np.concatenate([*forces], axis=2))
+        return self.turning.of_lines(f, np.concatenate([*forces], axis=2), off)
 
     @cached_property
     def _motions(self) -> list[np.ndarray]:
@@ -194,6 +197,24 @@ class WheelOnCraft:
         return np.unique([h.order for h in self.wheel.harmonics])
 
     @cached_property
+    def order_errors(self) -> np.ndarray:
+        """Part by which each order may be off, as stated, (o,)."""
+        stated = [
+            max(h.order_error for h in self.wheel.harmonics if h.order == order)
+            for order in self.orders.tolist()
+        ]
+        return np.asarray(np.array(stated) / self.orders)
+
+    @property
+    def searched_errors(self) -> np.ndarray:
+        """Part by which each order is off at most in a search over speeds, (o,)."""
+        return np.zeros(self.orders.size)
+
+    def _off(self, frequency: np.ndarray) -> np.ndarray:
+        """By how much frequencies (o,) [Hz] of the orders may be off, by their speed and by themselves."""
+        return np.asarray(frequency_error_bound(frequency) + self.order_errors * frequency)
+
+    @cached_property
     def _parts(self) -> np.ndarray:
         """Loads by the square of the speed, each with a phase of its own, as they are where they go round
         forward, and backward, (2, p, o, 6).
@@ -234,9 +255,10 @@ class WheelOnCraft:
 
     @cached_property
     def uncertain(self) -> bool:
-        """Whether coefficients or modes have intervals."""
+        """Whether coefficients, orders or modes have intervals."""
         by_coefficients = any(one.uncertain for one in self.wheel.harmonics)
-        return by_coefficients or any(one.uncertain for one in self.wheel.modes)
+        by_modes = any(one.uncertain for one in self.wheel.modes)
+        return by_coefficients or by_modes or bool(self.order_errors.any())
 
     def _gain(self, frequency: np.ndarray) -> Amplification:
         """Factor of the wheel's modes on the parts of each order at its frequencies (o, n) [Hz], either
@@ -315,7 +337,7 @@ class WheelOnCraft:
         """Gap of orders that reach below what means something on a hub without attitude control, at
         any speed of the range.
         """
-        low, high = self.frequencies(np.array(self.speeds))
+        low, high = self._first_and_last
         lowest = receiver_of(self.scenario).lowest
         from_speed = rounded_up(60.0 * lowest / float(self.orders[0]))
         remedy = f"wheel.speed: {from_speed} rpm or more"
@@ -325,6 +347,12 @@ class WheelOnCraft:
     def speeds(self) -> tuple[float, float]:
         """Ends of the range [rad/s]."""
         return self.wheel.speed, self.wheel.speed_to or self.wheel.speed
+
+    @property
+    def _first_and_last(self) -> np.ndarray:
+        """Lowest and highest frequency of each order over all speeds, by its own error, (2, o) [Hz]."""
+        ends = 1.0 + np.outer([-1.0, 1.0], self.order_errors)
+        return np.asarray(self.frequencies(np.array(self.speeds)) * ends)
 
     def frequencies(self, speeds: np.ndarray) -> np.ndarray:
         """Frequencies of each order [Hz] at speeds (n,) [rad/s], (n, o)."""
@@ -356,7 +384,7 @@ class WheelOnCraft:
         low, high = self.speeds
         if low == high:
             (one,) = self.at(np.array([low]))
-            off = np.asarray(frequency_error_bound(one.frequency))
+            off = self._off(one.frequency)
             return replace(
                 one,
                 relative_error=both_errors(
@@ -423,7 +451,7 @@ class WheelOnCraft:
     @cached_property
     def grid(self) -> np.ndarray:
         """Frequencies [Hz] that resolve every resonance, ascending, (m,)."""
-        low, high = (float(x) for x in self.frequencies(np.array(self.speeds))[[0, 1], [0, -1]])
+        low, high = float(self._first_and_last[0].min()), float(self._first_and_last[1].max())
         low, high = low * (1.0 - 2.0 * CLOCK_UNCERTAINTY), high * (1.0 + 2.0 * CLOCK_UNCERTAINTY)
         found = [np.geomspace(low, high, int(math.log(high / low) / _GRID) + 3), self._ends]
         modes = [(mode.frequency, mode.damping) for mode in coupled_modes(self.scenario)]
@@ -444,10 +472,9 @@ class WheelOnCraft:
         """Frequencies [Hz] at which an order begins and ends, and how far they may be off: two
         ranges may meet just there.
         """
-        ends = self.frequencies(np.array(self.speeds)).ravel()
-        return np.concatenate(
-            [ends * (1.0 - CLOCK_UNCERTAINTY), ends, ends * (1.0 + CLOCK_UNCERTAINTY)]
-        )
+        ends = self.frequencies(np.array(self.speeds))
+        off = CLOCK_UNCERTAINTY + self.order_errors
+        return np.concatenate([ends * (1.0 - off), ends, ends * (1.0 + off)], axis=None)
 
     @cached_property
     def amplitudes(self) -> np.ndarray:
@@ -481,8 +508,8 @@ class WheelOnCraft:
         [rad].
         """
         found = []
-        for order, size in zip(self.orders, self.in_any_state.amplitudes, strict=True):
-            low, high = (speed * order / (2.0 * math.pi) for speed in self.speeds)
+        passes = zip(*self._first_and_last, self.in_any_state.amplitudes, strict=True)
+        for low, high, size in passes:
             passed = in_band(self.grid, low, high, frequency_error_bound(self.grid))
             found.append((self.grid[passed], size[passed]))
         return found
@@ -510,7 +537,7 @@ class WheelOnCraft:
         sizes = [figure(one) for one in each]
         best = each[int(np.argmax(sizes))]
         if max(sizes) == 0.0:
-            best = replace(best, gaps=(*best.gaps, *self._beyond(figure)))
+            best = replace(best, gaps=(*best.gaps, *self._beyond(r)))
         own = float(scores[0].at(self.frequencies(np.array([self._speed_of(best)])))[0])
         if own > 0.0:
             ratio = found[0].upper / own
@@ -525,6 +552,8 @@ class WheelOnCraft:
             self._response_error(best.frequency, np.zeros(self.orders.size)),
         )
         less = less + self._part_beside(best)
+        if self.order_errors.any() and own > 0.0:
+            best, less = self._off_its_orders(best, less, r, figure)
         largest = np.maximum(
             (1.0 + more) * max(ratio, 1.0), self._ratio_in_any_state(scores[0], own)
         )
@@ -573,18 +602,58 @@ class WheelOnCraft:
         together = float(factor.max()) * _maximise_over_speed(wheel, _Crest(wheel, r)).upper
         return found[0], found[1], together
 
-    def _beyond(self, figure: Callable[[Contribution], float]) -> tuple[Unobserved, ...]:
-        """Gap of lines that are in the band only at a speed just beyond the range."""
+    def _off_its_orders(
+        self,
+        best: Contribution,
+        less: np.ndarray,
+        r: Requirement,
+        figure: Callable[[Contribution], float],
+    ) -> tuple[Contribution, np.ndarray]:
+        """The ``best`` speed with by how much its frequencies may be off, and by which part its lines (o, 2)
+        may be smaller than by ``less``, as orders may be off.
+
+        There are two bounds below, of which the better one counts. Wherever the range holds another speed
+        at which an order has the frequency found, its line alone is what it is there. And at this
+        speed all lines are what they are at any of the frequencies that they may have.
+        """
+        error, f, speed = self.order_errors, best.frequency, self._speed_of(best)
+        certain = np.abs(best.los) * np.maximum(1.0 - less, 0.0)
         low, high = self.speeds
+        reached = (speed >= low * (1.0 + error)) & (speed <= high * (1.0 - error))
+        alone = np.where(reached, (1.0 + error) ** -2, 0.0)
         each = [
-            one
-            for one in self.at(
-                np.array([low * (1.0 - CLOCK_UNCERTAINTY), high * (1.0 + CLOCK_UNCERTAINTY)])
-            )
-            if figure(one) > 0.0
+            part * figure(replace(best, los=certain * (self.orders == order)[:, None]))
+            for order, part in zip(self.orders, alone, strict=True)
         ]
+        off = error * f
+        known = np.array([less, np.zeros_like(less)])
+        displaced = both_errors(known, self._response_error(f, off))[0]
+        highest = math.inf if r.highest is None else r.highest
+        stays = in_band(f - off, r.lowest, highest) & in_band(f + off, r.lowest, highest)
+        here = figure(
+            replace(best, los=np.abs(best.los) * np.maximum(1.0 - displaced, 0.0) * stays[:, None])
+        )
+        whole = figure(replace(best, los=certain))
+        if max(each) < here or whole == 0.0:
+            return replace(best, frequency_error=off), displaced
+        return best, 1.0 - np.maximum(1.0 - less, 0.0) * (max(each) / whole)
+
+    def _beyond(self, r: Requirement) -> tuple[Unobserved, ...]:
+        """Gap of lines that are in the band only as speeds and orders are off."""
+        highest = math.inf if r.highest is None else r.highest
+        off = np.array([1.0 - CLOCK_UNCERTAINTY, 1.0 + CLOCK_UNCERTAINTY])[:, None]
+        low, high = np.clip(self._first_and_last * off, r.lowest, highest)
+        wheel = self.in_any_state
+        both = r.model_copy(update={"axis": "radial"})
+        (most,) = _Rms(wheel, both).largest(low[None], high[None])
+        within = in_band(low, *(self._first_and_last * off))
+        if not np.any(most[within]):
+            return ()
+        at = frequencies_that_count_most(r, 0.5 * (low + high), 0.5 * (high - low))
         why = f"its range of speeds ends nearer to the band than speeds are known ({CLOCK_UNCERTAINTY:g})"
-        return tuple(Unobserved(why, 0.0, math.inf, one.frequency, np.abs(one.los)) for one in each)
+        if self.order_errors.any():
+            why = "its range of speeds ends nearer to the band than speeds and orders are known"
+        return (Unobserved(why, 0.0, math.inf, at[within], most[within]),)
 
 
 class _WheelInAnyState(WheelOnCraft):
@@ -602,7 +671,13 @@ class _WheelInAnyState(WheelOnCraft):
             found = self._responses_of_states(at, self._gain_at(at).most)[1].reshape(
                 self.orders.size, -1, 2
             )
-        return np.asarray(found + self._beside)
+        at_speed = (1.0 + self.order_errors)[:, None, None] ** 2  # the grid takes orders as given
+        return np.asarray(found + self._beside) * at_speed
+
+    @property
+    def searched_errors(self) -> np.ndarray:
+        """Part by which each order is off at most, (o,)."""
+        return self.order_errors
 
 
 def _rpm(speed: float) -> float:
@@ -630,6 +705,7 @@ class _Score:
         self.window = r.window or r.apart or 1.0
         self.low, self.high = r.lowest, math.inf if r.highest is None else r.highest
         self.sizes = np.ascontiguousarray(wheel.amplitudes[:, :, self.axes])
+        self.off = wheel.searched_errors
 
     def breaks(self) -> Sequence[float]:
         """Frequencies [Hz] at which something changes at once."""
@@ -688,6 +764,14 @@ class _Score:
         return np.asarray(
             math.pi * (by_window * self.window + by_change * (self.r.apart or self.window))
         )
+
+    def figure(self, f: np.ndarray) -> np.ndarray:
+        """The figure of orders at frequencies (n, o), each as far off as costs most, (n,)."""
+        return self.bound(f, f) if self.off.any() else self.at(f)
+
+    def bound(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """A bound on it between frequencies (n, o), (n,)."""
+        return self.between(f * (1.0 - self.off), g * (1.0 + self.off))
 
     def at(self, f: np.ndarray) -> np.ndarray:
         """The figure of orders at frequencies (n, o), (n,)."""
@@ -773,7 +857,9 @@ class _CurveRatio(_Score):
 
     def between(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
         sizes = self.largest(f, g)
-        return np.asarray(np.maximum(self._over(f, sizes), self._over(g, sizes)).max(axis=1))
+        # between points of the curve what it allows is least at an end
+        ends = [f, g, *(np.clip(x, f, g) for x in self._allowed.frequency if self.off.any())]
+        return np.asarray(np.max([self._over(x, sizes) for x in ends], axis=0).max(axis=1))
 
 
 def _maximise_over_speed(wheel: WheelOnCraft, score: _Score) -> _WorstSpeed:
@@ -786,12 +872,12 @@ def _maximise_over_speed(wheel: WheelOnCraft, score: _Score) -> _WorstSpeed:
     edges = np.unique(np.concatenate([ends, np.geomspace(low, high, SPEEDS), breaks]))
     edges = edges[(edges >= ends[0]) & (edges <= ends[-1])]
     tried = edges[(edges >= low) & (edges <= high)]
-    values = score.at(wheel.frequencies(tried))
+    values = score.figure(wheel.frequencies(tried))
     starts, stops = edges[:-1], edges[1:]
-    bounds = score.between(wheel.frequencies(starts), wheel.frequencies(stops))
+    bounds = score.bound(wheel.frequencies(starts), wheel.frequencies(stops))
     # just beyond the range, where speeds may be off, nothing is chosen, but halving what is known
     # there would gain nothing
-    beyond = float(score.at(wheel.frequencies(ends[[0, -1]])).max())
+    beyond = float(score.figure(wheel.frequencies(ends[[0, -1]])).max())
     closed = 0.0  # largest bound of intervals that need no halving
     for _ in range(_MAX_BISECTIONS):
         best = max(float(values.max()), beyond)
@@ -805,9 +891,12 @@ def _maximise_over_speed(wheel: WheelOnCraft, score: _Score) -> _WorstSpeed:
         middles = 0.5 * (starts[first] + stops[first])
         within = middles[(middles >= low) & (middles <= high)]
         if within.size:
-            tried, values = np.r_[tried, within], np.r_[values, score.at(wheel.frequencies(within))]
+            tried, values = (
+                np.r_[tried, within],
+                np.r_[values, score.figure(wheel.frequencies(within))],
+            )
         new = np.r_[starts[first], middles], np.r_[middles, stops[first]]
-        halved = score.between(*(wheel.frequencies(x) for x in new))
+        halved = score.bound(*(wheel.frequencies(x) for x in new))
         starts, stops = np.r_[starts[later], new[0]], np.r_[stops[later], new[1]]
         bounds = np.r_[bounds[later], halved]
     value = float(values.max())
