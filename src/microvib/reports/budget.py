@@ -13,6 +13,7 @@ from microvib.analysis.margins import Verdict
 from microvib.analysis.pointing import LEFT_OUT, TORQUE_SPREAD
 from microvib.analysis.start import start_sentence
 from microvib.model.coupling import require_craft
+from microvib.model.rigid import tensor
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import brief_number, count_text
@@ -252,6 +253,7 @@ def _basis(budget: Budget) -> str:
     said = [f"Lines of one frequency in several sources add {_RULES[budget.rule]}."]
     said += _recordings(budget)
     said += _ranges(budget)
+    said += _spin(budget)
     if budget.requirements and budget.requirements.source:
         said += [f"Required by: {budget.requirements.source}."]
     said += filter(None, [start_sentence(budget.scenario)])
@@ -278,6 +280,25 @@ def _ranges(budget: Budget) -> Iterator[str]:
             "T_d ± (ranges) is that part of the drive's torque in the line, which the line of sight"
             " follows as far as it turns about the drive axis."
         )
+
+
+_GYROSCOPIC = 0.1
+"""Part of the hub's motion about one axis that a wheel's momentum turns about another, from which it is told."""
+
+
+def _spin(budget: Budget) -> Iterator[str]:
+    """Sentence on the momentum of wheels, which the craft does not have."""
+    names = [one.source for one in budget.contributions if one.spins]
+    if not names:
+        return
+    inertia = np.linalg.eigvalsh(tensor(require_craft(budget.scenario).spacecraft.hub.inertia))[0]
+    momentum = _GYROSCOPIC * 2.0 * math.pi * float(inertia)
+    yield (
+        f"The craft does not have the spin momentum of {', '.join(names)}: of a hub that turns at f about an axis"
+        " across the spin, a momentum H turns the part H/(2 pi I f) about the other one, which is"
+        f" {100.0 * _GYROSCOPIC:g} % at 1 Hz from {momentum:.2g} N m s on (I = {inertia:.3g} kg m2, the least of the hub),"
+        " and more below, in proportion."
+    )
 
 
 def _torque_spread(budget: Budget, source: str, line: str) -> float:

@@ -157,7 +157,7 @@ def harmonics_csv(found: MeasuredWheel) -> str:
         columns += [f"{load}_{unit}", f"{load}_least_{unit}", f"{load}_most_{unit}"]
     rows = []
     for x in found.harmonics:
-        row: list[float | str] = [x.order, FREQUENCY_SIGMAS * x.uncertainty]
+        row: list[float | str] = [x.order, float(f"{FREQUENCY_SIGMAS * x.uncertainty:.2g}")]
         for load in found.maps:
             c = x.coefficients[load]
             row += [c.value, c.least, c.most]

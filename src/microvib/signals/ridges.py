@@ -33,7 +33,7 @@ _RATIO_STEP = 0.04
 _STEADY = 1.5
 """Bins by which a line may move during a spectrum that tells its order, or times what the quarter of the
 steadiest spectra have."""
-_GROWTH_UNKNOWN = 0.25
+_GROWTH_UNKNOWN = 0.4
 """Part of the correction for the growth of a line during a spectrum that is a standard uncertainty
 (assumed)."""
 _APART = 3

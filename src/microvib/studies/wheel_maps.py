@@ -188,14 +188,16 @@ def maps_of_recording(
     f = np.fft.rfftfreq(samples, 1.0 / rate)
     kept = f <= highest * rate
     slices = [speed[k : k + samples] for k in starts]
-    mean = np.array([float(window @ x / window.sum()) for x in slices])
+    # Powers of lines that go with the fourth power of the speed are those of this mean.
+    squares = window**2 / np.sum(window**2)
+    mean = np.array([float(squares @ x**4) ** 0.25 for x in slices])
     kept_slices = ~_crosses(slices, mean)
     starts, mean = starts[kept_slices], mean[kept_slices]
     slices = [x for x, keep in zip(slices, kept_slices, strict=True) if keep]
     spread = np.array([float(np.ptp(x)) for x in slices])
     # The mean frequency of a spectrum is that of its instants by their power, in which later ones of a
     # run-up have more.
-    centre = np.array([float(window**2 * x**4 @ x / (window**2 @ x**4)) for x in slices])
+    centre = np.array([float(squares @ x**5) / float(squares @ x**4) for x in slices])
     order = np.argsort(mean)
     found = {}
     for load, names in channels.items():

@@ -216,6 +216,8 @@ class Contribution:
     """Whether its lines have phases; those that have none keep none to each other, whatever is
     asked for.
     """
+    spins: bool = False
+    """Whether it is a wheel, whose spin momentum is not in the craft."""
     scenario: Scenario | None = None
     torque_spreads: Mapping[str, float] = field(default_factory=dict)
     """How far the drive's torque moves in each of its lines, by name, within the ranges that its sources

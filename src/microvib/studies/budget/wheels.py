@@ -372,7 +372,7 @@ class WheelOnCraft:
                 self.name, f"wheel at {_rpm(speed):.5g} rpm", names, f[k], np.nan_to_num(los[k]),
                 gaps=(*self._too_slow, *self._not_measured),
                 relative_error=np.nan_to_num(relative_error[:, k]), phased=False,
-                frequency_error=np.zeros(self.orders.size),
+                frequency_error=np.zeros(self.orders.size), spins=True,
             )
             for k, speed in enumerate(speeds)
         )  # fmt: skip
@@ -410,10 +410,21 @@ class WheelOnCraft:
         """Relative error of each order (2, o, 2) by what it may be ``off`` [Hz], and by where a
         drive that holds may stand.
         """
-        responses = [self._response]
+        responses: list[Callable[[np.ndarray], np.ndarray]] = [self._response]
         if self.states is not None:
             responses.append(lambda at: self._responses_of_states(at, self._gain_at(at).value))
-        return response_uncertainty(responses, frequency, off, self.natural_frequencies)
+        if not self.order_errors.any():
+            return response_uncertainty(responses, frequency, off, self.natural_frequencies)
+
+        def at_speed(response: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
+            given = np.repeat(frequency, at.size // frequency.size)
+            return np.asarray(response(at) * (given / at)[:, None] ** 2)
+
+        # Where the order is off and not the speed, its loads are those of the speed.
+        responses += [partial(at_speed, each) for each in responses]
+        found = response_uncertainty(responses, frequency, off, self.natural_frequencies)
+        by_speed = np.full_like(found, 2.0 * CLOCK_UNCERTAINTY)
+        return both_errors(found, by_speed)
 
     def _response(self, at: np.ndarray) -> np.ndarray:
         """Amplitudes (o n, 2) at frequencies (o n,) of one order after another."""
