@@ -75,6 +75,8 @@ _NEAR = 25
 """Speeds tried about the best, for figures that are not largest where the score is."""
 _TRACE = 1e-9
 """Part of the largest that a coefficient may be that one counts with which was not seen."""
+_CYCLES, _MOST_PARTS = 0.05, 64
+"""Cycles in a window by which the ends of parts of an interval differ, and how many parts there are."""
 _MAX_BISECTIONS = 40
 """How often intervals are halved, those with the largest bounds first."""
 _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
@@ -629,13 +631,15 @@ class WheelOnCraft:
         """
         error, f, speed = self.order_errors, best.frequency, self._speed_of(best)
         certain = np.abs(best.los) * np.maximum(1.0 - less, 0.0)
-        low, high = self.speeds
-        reached = (speed >= low * (1.0 + error)) & (speed <= high * (1.0 - error))
-        alone = np.where(reached, (1.0 + error) ** -2, 0.0)
-        each = [
-            part * figure(replace(best, los=certain * (self.orders == order)[:, None]))
-            for order, part in zip(self.orders, alone, strict=True)
-        ]
+        alone = self._alone(best, certain, figure)
+        low, high = self.speeds[0] * (1.0 + error.max()), self.speeds[1] * (1.0 - error.max())
+        if low < high and not low <= speed <= high:
+            (near,) = self.at(np.clip([speed], low, high))
+            lost = both_errors(
+                near.relative_errors, self._response_error(near.frequency, np.zeros_like(f))
+            )[0] + self._part_beside(near)
+            known = np.abs(near.los) * np.maximum(1.0 - lost, 0.0)
+            alone = max(alone, self._alone(near, known, figure))
         off = error * f
         known = np.array([less, np.zeros_like(less)])
         displaced = both_errors(known, self._response_error(f, off))[0]
@@ -645,9 +649,23 @@ class WheelOnCraft:
             replace(best, los=np.abs(best.los) * np.maximum(1.0 - displaced, 0.0) * stays[:, None])
         )
         whole = figure(replace(best, los=certain))
-        if max(each) < here or whole == 0.0:
+        if alone < here or whole == 0.0:
             return replace(best, frequency_error=off), displaced
-        return best, 1.0 - np.maximum(1.0 - less, 0.0) * (max(each) / whole)
+        return best, 1.0 - np.maximum(1.0 - less, 0.0) * min(alone / whole, 1.0)
+
+    def _alone(
+        self, one: Contribution, los: np.ndarray, figure: Callable[[Contribution], float]
+    ) -> float:
+        """The figure of the largest order alone of those (o, 2) at a speed whose frequency there another
+        speed of the range has, if the order is off.
+        """
+        speed, (low, high) = self._speed_of(one), self.speeds
+        found = 0.0
+        for order, error in zip(self.orders, self.order_errors, strict=True):
+            if low * (1.0 + error) <= speed <= high * (1.0 - error):
+                of_order = los * (self.orders == order)[:, None]
+                found = max(found, figure(replace(one, los=of_order)) / (1.0 + error) ** 2)
+        return found
 
     def _beyond(self, r: Requirement) -> tuple[Unobserved, ...]:
         """Gap of lines that are in the band only as speeds and orders are off."""
@@ -794,19 +812,26 @@ class _Score:
 
 
 class _Rms(_Score):
+    def _parts_of(self, f: np.ndarray, g: np.ndarray) -> int:
+        """Into how many parts intervals are divided that orders which are off keep from being halved."""
+        if not self.off.any():
+            return 1
+        cycles = float(np.max(g - f)) * max(self.window, self.r.apart or 0.0)
+        return int(np.clip(math.ceil(cycles / _CYCLES), 1, _MOST_PARTS))
+
     def at(self, f: np.ndarray) -> np.ndarray:
         w = metric_weight(self.r.metric, f, self.window, self.r.apart)
         return np.asarray(np.sqrt(0.5 * np.einsum("no,noa->n", w, self.amplitude(f) ** 2)))
 
     def between(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
-        middle, half = 0.5 * (f + g), 0.5 * (g - f)
+        parts = self._parts_of(f, g)
+        half, slope = 0.5 * (g - f) / parts, self.steepest(f, g, crest=False)
+        w = np.zeros_like(f)
         # a weight is the mean square of an amplitude: its root changes no faster than that
-        root = np.sqrt(
-            np.maximum(metric_weight(self.r.metric, middle, self.window, self.r.apart), 0.0)
-        )
-        w = np.minimum(
-            (root + self.steepest(f, g, crest=False) * half) ** 2, MAX_METRIC_WEIGHT[self.r.metric]
-        )
+        for k in range(parts):
+            weight = metric_weight(self.r.metric, f + (2 * k + 1) * half, self.window, self.r.apart)
+            w = np.maximum(w, (np.sqrt(np.maximum(weight, 0.0)) + slope * half) ** 2)
+        w = np.minimum(w, MAX_METRIC_WEIGHT[self.r.metric])
         return np.asarray(np.sqrt(0.5 * np.einsum("no,noa->n", w, self.largest(f, g) ** 2)))
 
 
