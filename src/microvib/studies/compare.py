@@ -346,14 +346,23 @@ def lacking_within(
 ) -> tuple[str, ...]:
     """Sentences on a side that is a record with far too little of all main lines of the other from ``low`` to
     ``high`` [Hz], or of those from some frequency up, as behind a low-pass; empty where it has enough.
+
+    A low-pass is looked for among the lines of the band, and among all of the record: a band may have one line
+    alone.
     """
     inside = [r for r in rows if r.is_within(low, high)]
     where = f"from {low:.4g} Hz" + (f" to {high:.4g} Hz" if math.isfinite(high) else "")
     if lacking := _lacking(a, b, inside):
         told = [f"{where} {_lacking_in_words(*x)}" for x in lacking.items()]
     else:
-        rolled_off = _lacking(a, b, inside, rolled_off_lines)
-        told = [f"{where} {_rolled_off_in_words(*x)}" for x in rolled_off.items()]
+        told = [
+            f"{where} {_rolled_off_in_words(*x)}"
+            for x in _lacking(a, b, inside, rolled_off_lines).items()
+        ] or [
+            _rolled_off_in_words(*x)
+            for x in _lacking(a, b, rows, rolled_off_lines).items()
+            if min(line.frequency for line in x[1]) <= high
+        ]
     return tuple(f"{sentence}: {_WHY_BAND_LACKS}" for sentence in told)
 
 
