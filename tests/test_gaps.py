@@ -153,6 +153,12 @@ def test_noise_alone_has_no_gaps(draw: str) -> None:
         assert faults(getattr(np.random.default_rng(seed), draw)(size=T.size)) == []
 
 
+def test_fast_lines_that_cease_are_a_drive_that_stops() -> None:
+    fast = sine(410.0) + 0.7 * sine(533.0, 1.0) + 0.5 * sine(771.0, 2.0)
+    runs = (0.7 * T) % 1.0 < 0.5
+    assert faults(np.where(runs, fast, 0.0) + noise(1e-3)) == []
+
+
 def test_friction_that_sticks_makes_no_gaps() -> None:
     """Without a sensor's noise a simulated torque is calm while the shaft sticks, by and by."""
     loud = {"friction.torque_noise.density": "3e-6 N^2*m^2/Hz", "record.duration": "8 s"}
