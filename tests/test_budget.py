@@ -1973,6 +1973,15 @@ def test_lines_of_another_size_in_a_band_decide_nothing_there(on_table, change, 
     assert low.verdict == "pass"
 
 
+@pytest.mark.parametrize(("corner", "noise"), [(3.0, 1e-7), (6.0, 1e-7), (6.0, 1e-3)])
+def test_lines_of_which_a_high_pass_took_a_part_are_not_judged(on_table, corner, noise) -> None:
+    """Of the line at 3.33 Hz a quarter, and a half: less than lines may differ from the scenario's."""
+    b, a = butter(1, corner, "high", fs=1024.0)
+    low, high = _judged_by_table(on_table, lambda x: lfilter(b, a, x), noise)
+    assert (low.verdict, high.verdict) == ("not judged", "pass")
+    assert any("behind a high-pass (AC coupling) of order 1" in why for why in low.why)
+
+
 @pytest.mark.parametrize("factor", [0.4, 1.0, 2.5])
 def test_lines_of_a_slightly_different_drive_are_judged(on_table, factor) -> None:
     found = _judged_by_table(on_table, lambda x: _times_above(x, factor))

@@ -79,6 +79,8 @@ class Recording:
         What is known of the force table: its resonances, its usable band and its channels' noise.
     lost : tuple of UnusableBand
         Frequencies at which reading or preparing leaves the loads uncertain, in all channels.
+    chain_stated : bool
+        Whether the preparation states the filters of the measuring chain, or that there are none.
 
     Raises
     ------
@@ -110,6 +112,8 @@ class Recording:
     """The force table that made it, where it is known."""
     lost: tuple[UnusableBand, ...] = ()
     """Frequencies at which reading or preparing leaves the loads uncertain, in all channels."""
+    chain_stated: bool = False
+    """Whether the preparation states the filters of the measuring chain, or that there are none."""
 
     def __post_init__(self) -> None:
         expect_mapping(self.channels, "channels", "{'Mz': samples}")

@@ -52,7 +52,12 @@ from microvib.studies.budget.files import (
     group_errors,
     read_file,
 )
-from microvib.studies.budget.load_check import ComparedLoads, compare_loads, with_load_check
+from microvib.studies.budget.load_check import (
+    ComparedLoads,
+    compare_loads,
+    with_filter_check,
+    with_load_check,
+)
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import (
@@ -268,7 +273,8 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     ]
     if measured is not None:
         loads = compare_loads(measured, blocked)
-        found[0] = with_load_check(with_method_error(measured, compared), loads)
+        checked = with_filter_check(measured, blocked)
+        found[0] = with_load_check(with_method_error(checked, compared), loads)
         found[0] = with_side_lines_of_recording(found[0], whole)
     if ensemble is not None:
         if two:
