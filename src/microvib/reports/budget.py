@@ -266,6 +266,8 @@ def _recordings(budget: Budget) -> Iterator[str]:
                 f"Loads of {one.source} come from a recording on a force table ({one.recording}), by the"
                 " blocked-load method; a run of the scenario beside it gives the error of this method."
             )
+            if one.chain_assumption:
+                yield one.chain_assumption
 
 
 def _ranges(budget: Budget) -> Iterator[str]:

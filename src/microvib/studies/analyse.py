@@ -423,4 +423,5 @@ def _simulated_with_lines(
     table = None
     if channel == "M" + guide.array.drive_axis:
         table = lines_of_samples(recording[channel], recording.sample_rate, guide)
-    return recording, None, table, guide.tracking.clock_ratio
+    without_chain = replace(recording, chain_stated=True)
+    return without_chain, None, table, guide.tracking.clock_ratio

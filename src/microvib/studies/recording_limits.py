@@ -87,7 +87,11 @@ def judge_recording(
     judged = judge_channel(table, limit, channel if channel in COMPONENTS else "")
     beside = beside_scenario(source, channel, guide)
     curve = limit.loads.get(channel, limit.curve)
-    return replace(judged, gaps=(*judged.gaps, *misread_gaps(beside, curve)))
+    return replace(
+        judged,
+        gaps=(*judged.gaps, *misread_gaps(beside, curve)),
+        assumption=source.recording.chain_assumption,
+    )
 
 
 def beside_scenario(source: Prepared, channel: str, scenario: Scenario | None) -> Comparison | None:

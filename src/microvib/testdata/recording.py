@@ -390,6 +390,16 @@ class Recording:
         """
         return np.array([self.load(name) for name in COMPONENTS])
 
+    @property
+    def chain_assumption(self) -> str:
+        """What a verdict assumes of the measuring chain, a sentence; empty where its filters are stated."""
+        if self.chain_stated:
+            return ""
+        return (
+            "Assumed: the measuring chain takes nothing of what is judged; state its filters, such as AC coupling, as"
+            " response in the preparation file (flat where there is none)."
+        )
+
     def looked_at(self, part: slice = slice(None)) -> Recording:
         """Keep in mind what is wrong with the samples, since filters and sums hide what was
         clipped.

@@ -165,7 +165,9 @@ def with_filter_check(recorded: Contribution, own: BlockedLines) -> Contribution
     that amplitudes and phases of all lines beside the scenario's ``own`` tell, and that no preparation states.
     """
     scenario, loads = recorded.scenario, recorded.recorded
-    if recorded.chain_stated or scenario is None or loads is None or not scenario.driving_frequency:
+    if not recorded.chain_assumption or scenario is None or loads is None:
+        return recorded
+    if not scenario.driving_frequency:
         return recorded
     driver = scenario.driver
     repeats = scenario.driving_frequency / (driver.beats * driver.microsteps)
