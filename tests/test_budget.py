@@ -1994,6 +1994,58 @@ def test_lines_that_noise_hides_are_bounded_as_before(on_table) -> None:
     assert all(math.isfinite(one.most) for one in found)
 
 
+def _budget_of_table(scenario: mv.Scenario, loads: dict[str, np.ndarray]) -> list[Assessment]:
+    """Requirements in three bands about both axes, by loads on a force table with a little noise."""
+    rng = np.random.default_rng(1)
+    loads = {n: x + 1e-6 * rng.normal(size=x.size) for n, x in loads.items()}
+    units = {n: "N" if n[0] == "F" else "N*m" for n in loads}
+    r = _both_axes_in_bands()
+    recording = Recording(loads, 1024.0, units, "table")
+    return list(pointing_budget(scenario, r, recording=recording).judged)
+
+
+def _both_axes_in_bands() -> Requirements:
+    bands = [("2 Hz", "12 Hz"), ("12 Hz", "30 Hz"), ("30 Hz", "300 Hz")]
+    return Requirements(
+        requirements=[
+            {"axis": axis, "limit": "1 mrad", "lowest": low, "highest": high}
+            for axis in "xy"
+            for low, high in bands
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    "turned",
+    [(), ("Mx",), ("My",), at_a_release(("Fx",)), ("Fy",), ("Fx", "Fy", "Mx", "My")],
+)
+def test_signs_of_channels_are_in_least_and_most(on_table, turned) -> None:
+    """A channel of the wrong sign, or a drive turned about its axis: loads that cancel added, and passed."""
+    scenario, loads = on_table
+    read = {n: -x if n in turned else x for n, x in loads.items()}
+    truth = pointing_budget(scenario, _both_axes_in_bands(), steady=True).judged
+    for found, wanted in zip(_budget_of_table(scenario, read), truth, strict=True):
+        assert found.least <= wanted.value <= found.most < 30.0 * found.value
+        if not turned:
+            assert found.most < 1.2 * found.value
+
+
+@pytest.mark.parametrize("ratio", [0.99, 1.003])
+def test_a_clock_beside_the_scenarios_is_in_least_and_most(ratio) -> None:
+    """Lines of a test 1 % faster missed the resonance on which they are in flight, and passed."""
+    full = whole.FullCraft(damping=np.full(4, 5e-4), bandwidth=0.1)
+    scenario = scenario_of(full, **{"record.settle": Si(10.0), "record.duration": Si(8.0)})
+    [mode] = [m.frequency for m in coupled_modes(scenario) if m.name == "array_mode_3"]
+    full_steps = (scenario.driving_frequency or 0.0) / scenario.driver.microsteps
+    on_mode = scenario.with_si({"tracking": {"rate": (scenario.rate or 0.0) * mode / full_steps}})
+    ground = on_mode.with_si({"tracking": {"rate": (on_mode.rate or 0.0) * ratio}})
+    ground = mv.simulate(ground.model_copy(update={"spacecraft": None}), start="steady")
+    loads = {n: np.array(ground[n]) for n in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
+    truth = pointing_budget(on_mode, _both_axes_in_bands(), steady=True).judged
+    for found, wanted in zip(_budget_of_table(on_mode, loads), truth, strict=True):
+        assert found.least <= wanted.value <= found.most < math.inf
+
+
 def test_an_axis_without_rows_of_the_line_of_sight_is_not_judged() -> None:
     scenario = scenario_of(
         whole.FullCraft(bandwidth=0.1), **{"record.settle": Si(1.0), "record.duration": Si(2.0)}

@@ -21,9 +21,12 @@ from support.scenarios import limit_of
 import microvib as mv
 from microvib.analysis.limits import judge
 from microvib.model.linear import coupled_modes
-from microvib.model.turning import decay_in_motion, growth_over_angle, turning_drive
+from microvib.model.parametric import decay_in_motion, growth_over_angle
+from microvib.model.turning import turning_drive
+from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
 from microvib.solve.steady.search import Search
+from microvib.solve.steady.state import _check_grown
 from microvib.studies.rates import plan_rates, rate_grid
 
 
@@ -125,6 +128,11 @@ BY_ERROR = SOFT | {
     "reducer.transmission_error": [{"order": 100, "amplitude": "2 arcsec"}],
     "tracking": {"profile": [{"rate": "1.04269 deg/s", "ramp": "60 s"}]},
 }
+RIGID_BY_ERROR = BY_ERROR | {
+    "reducer.stiffness": "rigid",
+    "reducer.damping": "0 N*m*s/rad",
+    "tracking": {"profile": [{"rate": "1.0994 deg/s", "ramp": "60 s"}]},
+}
 BY_POSITION = SOFT | {
     "friction.coulomb": "0.3 N*m",
     "friction.breakaway": "0.3 N*m",
@@ -137,6 +145,7 @@ BY_POSITION = SOFT | {
     ("changes", "key", "settle", "apart"),
     [
         (BY_ERROR, "reducer.transmission_error", 90, 40),
+        (RIGID_BY_ERROR, "reducer.transmission_error", 66, 16),
         (BY_POSITION, "friction.position", 60, 10),
     ],
 )
@@ -147,6 +156,7 @@ def test_what_varies_over_the_angle_of_a_shaft_may_keep_a_mode_ringing(changes, 
     assert fed.what == key
     assert fed.modes == ("drive_resonance_1",)
     [mode] = [m for m in coupled_modes(drive) if m.name == "drive_resonance_1"]
+    assert fed.may_grow
     assert fed.growth == pytest.approx(fed.rate - mode.decay)
     assert decay_in_motion(mode, drive) < 0.0
     long = drive.with_({"record.settle": f"{settle} s", "record.duration": f"{apart + 4} s"})
@@ -167,3 +177,23 @@ def test_what_varies_far_from_twice_a_mode_feeds_none():
         assert not growth_over_angle(drive.with_({"tracking": {"rate": rate}}))
     rigid = drive.with_({"reducer.stiffness": "rigid", "reducer.damping": "0 N*m*s/rad"})
     assert not growth_over_angle(rigid)
+
+
+@pytest.mark.long
+def test_a_rate_plan_looks_where_an_error_of_the_gear_comes_at_twice_a_mode():
+    """Neither end of the range has a line above 50 mN m; between them 1.76 N m ring."""
+    drive = mv.load_scenario("state-1").with_(BY_ERROR | {"tracking": {"rate": "1 deg/s"}})
+    plan = plan_rates(drive, rate_grid("1 deg/s", "1.06 deg/s", 2), limit="1 N*m", band="0.5:80 Hz")
+    assert any(x.line == "half of wave_generator_100" for x in plan.resonances)
+    for rate in np.radians([1.0271, 1.0323, 1.035]):
+        assert any(band.low <= rate <= band.high for band in plan.forbidden)
+
+
+def test_nothing_is_steady_while_an_error_of_the_gear_feeds_a_mode_from_nothing():
+    """A run that looked as if it repeated was taken for the lasting motion."""
+    drive = mv.load_scenario("state-1").with_(BY_ERROR | {"tracking": {"rate": "1.0427 deg/s"}})
+    period = PeriodMap(drive, common_period(drive)[0])
+    run = RunFromRest(period)
+    run.simulated = 100.0
+    with pytest.raises(NotPeriodic, match="grow so slowly"):
+        _check_grown(run)

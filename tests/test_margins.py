@@ -603,6 +603,17 @@ def test_lines_are_not_judged_before_the_current_loop_has_settled(state_1, verdi
     assert judge(table, limit, settled).verdict == verdict_before
 
 
+def test_a_slow_current_loop_has_settled_in_a_steady_state():
+    """Its decay was blamed on friction, and a run from rest of 30 s passed 0.95 mN m."""
+    slow = mv.load_scenario("state-1").with_(
+        {"driver.integral_gain": "5 V/(A*s)", "driver.imperfections.offset_a": -0.0119}
+    )
+    run = mv.simulate(slow, start="steady")
+    assert run.solver["steady"] == "used"
+    line = mv.find_lines(run)["electrical_1"]
+    assert line.amplitude == pytest.approx(1.0351e-3, rel=1e-3)  # 1.0326e-3 in a run after 600 s
+
+
 def test_friction_slope_is_that_of_its_torque(state_1):
     friction = state_1.with_(GROWING).friction
     for rate in (1e-4, 1e-3, 3e-3, 0.02):

@@ -19,8 +19,8 @@ from microvib.analysis.start import (
 )
 from microvib.model.expected import distance_to_clock_line
 from microvib.model.linear import CoupledMode, coupled_modes
+from microvib.model.parametric import decay_in_motion
 from microvib.model.scenario import Scenario
-from microvib.model.turning import decay_in_motion
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import CANCELLED, SEPARATION

@@ -14,6 +14,11 @@ import numpy as np
 
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
+from microvib.model.parametric import (
+    decay_in_motion,
+    growth_over_angle,
+    modes_fed_by_both_drives,
+)
 from microvib.model.scenario import Scenario
 from microvib.model.slow_variations import (
     COMPENSATION,
@@ -24,13 +29,7 @@ from microvib.model.slow_variations import (
     unseen_variations,
 )
 from microvib.model.tracking import HeldRate, Tracking
-from microvib.model.turning import (
-    GROWN_EFOLDINGS,
-    TurningDrive,
-    decay_in_motion,
-    growth_over_angle,
-    turning_drive,
-)
+from microvib.model.turning import GROWN_EFOLDINGS, TurningDrive, turning_drive
 from microvib.model.winding_up import (
     commanded_travel,
     seconds_until_sliding,
@@ -209,6 +208,8 @@ def record_gap(
     """
     if scenario is None:
         return None
+    if simulated and (fed := modes_fed_by_both_drives(scenario)):
+        return RecordGap(both_drives_reason(fed), turns=True, overstated=math.inf)
     if simulated:
         gap = unseen_rates_gap(scenario)
         if gap is None and not steady:
@@ -218,6 +219,14 @@ def record_gap(
     if steady:
         return None
     return _short_record_gap(scenario, duration)
+
+
+def both_drives_reason(modes: Sequence[str]) -> str:
+    """Why lines of two drives, each by itself, are not those of both together."""
+    return (
+        f"a parametric resonance of {' and '.join(modes)} by both drives together, each of which is run while"
+        " the other one stands (another tracking.rate, by a hundredth)"
+    )
 
 
 def _start_gap(scenario: Scenario) -> RecordGap | None:
@@ -235,10 +244,7 @@ def _current_loop_reason(scenario: Scenario) -> str:
     """Reason why the currents of a drive are not yet those that last: the integral part of their loop has a
     slow pole near K_I / (K_P + R); empty where it has died away.
     """
-    driver, motor = scenario.driver, scenario.motor
-    if driver.drive != "current" or driver.integral_gain == 0.0:
-        return ""
-    decay = driver.integral_gain / (driver.proportional_gain + motor.winding_resistance)
+    decay = scenario.driver.slow_decay(scenario.motor)
     settled = time_to_settle(scenario)
     if decay * settled >= _LOOP_EFOLDINGS:
         return ""
@@ -458,8 +464,10 @@ def _not_lasting_reason(scenario: Scenario) -> str:
     elif (turning := turning_drive(scenario)).growth > 0.0:
         needed = GROWN_EFOLDINGS / turning.growth + SETTLED_EFOLDINGS / decay
         what = _oscillation(turning)
-    elif fed := [one for one in growth_over_angle(scenario) if one.growth > 0.0]:
+    elif fed := [one for one in growth_over_angle(scenario) if one.may_grow]:
         slowest_growth = min(fed, key=lambda one: one.growth)
+        if slowest_growth.growth == 0.0:
+            return _perhaps_growing_reason(slowest_growth.what, scenario)
         needed = GROWN_EFOLDINGS / slowest_growth.growth + SETTLED_EFOLDINGS / decay
         what = (
             f"a parametric resonance that has not come to its end, as {slowest_growth.what} varies the stiffness"
@@ -470,6 +478,14 @@ def _not_lasting_reason(scenario: Scenario) -> str:
         return ""
     longer = rounded_up(scenario.record.settle - settled + needed)
     return f"{what} (record.settle >= {longer} s{steady_start_advice(scenario)})"
+
+
+def _perhaps_growing_reason(key: str, scenario: Scenario) -> str:
+    """Why a run in time, of whatever length, does not tell whether a mode lasts that a key may feed."""
+    return (
+        f"a parametric resonance that may grow, however slowly, as {key} varies the stiffness so that twice a"
+        f" mode's frequency comes of it (another tracking.rate, by a hundredth{steady_start_advice(scenario)})"
+    )
 
 
 def not_sliding_reason(scenario: Scenario) -> str:

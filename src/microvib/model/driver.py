@@ -317,6 +317,12 @@ class Driver(Part):
         """Whether voltages come in pulses, between which windings are open."""
         return self.drive == "pulse"
 
+    def slow_decay(self, motor: Motor) -> float:
+        """Decay [1/s] of the slow pole of the current loop, near K_I / (K_P + R); infinite without one."""
+        if self.drive != "current" or self.integral_gain == 0.0:
+            return math.inf
+        return self.integral_gain / (self.proportional_gain + motor.winding_resistance)
+
     @property
     def switched_windings(self) -> int:
         """Windings of a pulse drive that conduct on their own: 2, each of them either way, or 4 with

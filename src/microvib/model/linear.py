@@ -192,11 +192,15 @@ def gear_error_response(scenario: Scenario, frequency: np.ndarray) -> GearErrorR
     return GearErrorResponse(np.abs(moved[:, 0, 0]), omega[:, 0, 0] ** 2 * np.abs(momentum))
 
 
-def dynamic_stiffness(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
-    """Torques by motions in the coordinates of ``matrices`` at a ``frequency`` (...) [Hz], complex,
-    (..., n, n).
+def dynamic_stiffness(
+    scenario: Scenario,
+    frequency: float | np.ndarray,
+    known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+) -> np.ndarray:
+    """Torques by motions in the coordinates of ``matrices``, which may be ``known``, at a ``frequency``
+    (...) [Hz], complex, (..., n, n).
     """
-    return _dynamic(scenario, *matrices(scenario), frequency)
+    return _dynamic(scenario, *(known or matrices(scenario)), frequency)
 
 
 def _dynamic(

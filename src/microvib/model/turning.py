@@ -12,23 +12,25 @@ multiplied over each period T by the eigenvalues mu of the monodromy matrix,
 
 A mode grows where the variation meets twice its frequency, or a sum of two (parametric resonance),
 and decays more slowly nearby. The rotor's own motion by what varies is that of the drive with a
-constant stiffness. Errors of a gear that is not rigid, and friction over the angle, count to first order
-(``growth_over_angle``).
+constant stiffness. Errors of a gear, and friction over the angle, are not in it
+(``microvib.model.parametric``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.model.drive_matrices import coordinates, drive_matrices
+from microvib.model.drive_matrices import drive_matrices
 from microvib.model.driver import references_over_electrical_period
-from microvib.model.linear import CoupledMode, coupled_modes, matrices, undamped_rounding
+from microvib.model.linear import (
+    coupled_modes,
+    undamped_rounding,
+)
 from microvib.model.load import Load
 from microvib.model.scenario import Scenario
 
@@ -57,13 +59,8 @@ _LARGEST_MOTION = 0.5
 """Electrical angle [rad] by which the rotor is taken to move at most by what varies."""
 _SLOWEST = 1e-9j
 """Complex frequency [rad/s] in place of 0 behind an integrator."""
-_LEAST_GROWTH = 0.5
-"""Growth to first order, over a mode's own decay, from which it may be kept ringing."""
 _LARGEST_EXPONENT = 300.0
 """Growth over a period, as exponent of e, that can be computed."""
-_DETUNED = 0.01
-"""Part of its frequency by which a variation may be off the sum of two modes' and feed them in full: what is
-not linear shifts them."""
 _ROUNDING = 10.0
 """Times the rounding of eigenvalues that, but for it, are zero."""
 
@@ -167,127 +164,6 @@ def dynamic_stiffness_of_windings(
     own, w = _Windings(scenario, omega_e, 0.0, 1.0, 0.0), np.asarray(omega, dtype=float)
     with_turn, against = (1j * (omega_e + x) / own.impedance(x) for x in (w, -w))
     return np.asarray(0.5 * motor.axis_torque_constant**2 * (with_turn + against.conj()))
-
-
-def decay_in_motion(mode: CoupledMode, scenario: Scenario) -> float:
-    """Rate [1/s] at which the ringing of a mode dies away while the drive turns, at least that by
-    its damping where the variation of the motor's stiffness adds to that; negative where it grows.
-    """
-    over_angle = growth_over_angle(scenario)
-    return min(
-        mode.decay,
-        turning_drive(scenario).decay.get(mode.name, math.inf),
-        mode.decay - max((x.rate for x in over_angle if mode.name in x.modes), default=0.0),
-    )
-
-
-class ParametricResonance(NamedTuple):
-    """A mode, or two, that varying stiffness may keep ringing at some rate."""
-
-    mode: CoupledMode
-    """The one, or the lower of the two."""
-    frequency: float
-    """Frequency of the variation there [Hz]: twice the mode's, or the sum of both."""
-    order: int
-    """Cycles per electrical turn of what varies."""
-
-
-def parametric_resonances(scenario: Scenario) -> tuple[ParametricResonance, ...]:
-    """Modes that detent torque and flux harmonics may keep ringing, at whatever rate.
-
-    To first order a stiffness k cos(omega t) on the rotor makes a mode grow at k phi^2 / (4 omega_0)
-    where omega is twice its frequency omega_0, and two at k phi phi' / (4 sqrt(omega_0 omega_0'))
-    where it is the sum of theirs; phi is what the rotor moves in a mode of unit modal mass. What is
-    well below their own decay is left out.
-    """
-    modes = [m for m in coupled_modes(scenario) if m.frequency > 0.0]
-    orders = scenario.motor.stiffness_orders
-    if not modes or not orders:
-        return ()
-    moved = np.abs(_shapes_of(modes, scenario)[0])
-    decay = np.sqrt(np.maximum([m.decay for m in modes], 0.0))
-    found = []
-    for order, stiffness in orders.items():
-        grows = stiffness * np.outer(moved, moved) > _LEAST_GROWTH * np.outer(decay, decay)
-        for i, j in np.argwhere(np.triu(grows)).tolist():
-            lower = min(modes[i], modes[j], key=lambda mode: mode.frequency)
-            both = modes[i].frequency + modes[j].frequency
-            found.append(ParametricResonance(lower, both, order))
-    return tuple(found)
-
-
-def _shapes_of(modes: Sequence[CoupledMode], scenario: Scenario) -> np.ndarray:
-    """Motion of rotor and output in each of the ``modes`` of unit modal mass, over twice the root of its
-    angular frequency, (2, k).
-    """
-    from scipy.linalg import eigh  # slow to import
-
-    M, _, K = matrices(scenario)
-    squares, shapes = eigh(K, M)
-    natural = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
-    nearest = [int(np.argmin(np.abs(natural - m.frequency))) for m in modes]
-    omega = np.array([2.0 * math.pi * m.frequency for m in modes])
-    shafts = coordinates(scenario.reducer, M.shape[0] - (1 if scenario.reducer.rigid else 2))[:2]
-    return np.asarray(shafts @ shapes[:, nearest] / (2.0 * np.sqrt(omega)))
-
-
-class GrowthOverAngle(NamedTuple):
-    """Rate by which what varies over the angle of a shaft feeds one mode, or two."""
-
-    what: str
-    """Key of what varies."""
-    modes: tuple[str, ...]
-    rate: float
-    """[1/s], before the modes' own decay."""
-    growth: float
-    """With it; negative where they die away."""
-
-
-@lru_cache(maxsize=32)
-def growth_over_angle(scenario: Scenario) -> tuple[GrowthOverAngle, ...]:
-    """Find the modes that an error of the gear, or friction over the angle, feeds at the rate of the record.
-
-    An error of the gear varies its ratio, and with it the stiffness between the shafts; friction that
-    changes with the angle is a spring on the output of its slope. To first order they feed modes as
-    detent torque does (``parametric_resonances``), less the more the frequency of the variation is off
-    the sum of theirs, to within a hundredth. Errors of a rigid gear and roughness are left out.
-    """
-    varying = list(_stiffness_over_angle(scenario))
-    modes = [m for m in coupled_modes(scenario) if m.frequency > 0.0]
-    if not varying or not modes:
-        return ()
-    shapes, found = _shapes_of(modes, scenario), []
-    f, decay = np.array([m.frequency for m in modes]), np.array([m.decay for m in modes])
-    for what, frequency, stiffness in varying:
-        fed = np.abs(shapes.T @ stiffness @ shapes)
-        off = np.abs(f[:, None] + f - frequency) - _DETUNED * frequency
-        left = fed**2 - (math.pi * np.maximum(off, 0.0)) ** 2
-        for i, j in np.argwhere(np.triu(left > 0.0)).tolist():
-            rate = math.sqrt(left[i, j])
-            names = tuple({modes[i].name, modes[j].name})
-            found.append(GrowthOverAngle(what, names, rate, rate - math.sqrt(decay[i] * decay[j])))
-    return tuple(found)
-
-
-def _stiffness_over_angle(scenario: Scenario) -> Iterator[tuple[str, float, np.ndarray]]:
-    """Variations of the stiffness on rotor and output as the drive turns: the key, the frequency [Hz] and
-    complex amplitudes (2, 2) [N m/rad].
-    """
-    rate, reducer, friction = scenario.rate, scenario.reducer, scenario.friction
-    if not rate:
-        return
-    held = abs(friction.torque(rate))
-    turns = abs(rate) / (2.0 * math.pi)
-    for one in () if reducer.rigid else reducer.errors:
-        order = float(one.order)
-        slope, bend = order * one.amplitude, order**2 * one.amplitude
-        K, h = float(reducer.stiffness), reducer.h
-        on_rotor = -2.0 * K * slope / h + 1j * held * bend
-        stiffness = np.array([[on_rotor, -K * slope], [-K * slope, 0.0]])
-        yield "reducer.transmission_error", order * turns * abs(h), stiffness
-    for each in friction.position.harmonics if friction.position else ():
-        spring = np.diag([0.0, each.order * each.amplitude * held])
-        yield "friction.position", each.order * turns, spring.astype(complex)
 
 
 class _Turning:

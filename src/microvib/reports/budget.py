@@ -264,7 +264,8 @@ def _recordings(budget: Budget) -> Iterator[str]:
         if one.recording:
             yield (
                 f"Loads of {one.source} come from a recording on a force table ({one.recording}), by the"
-                " blocked-load method; a run of the scenario beside it gives the error of this method."
+                " blocked-load method; a run of the scenario beside it gives the error of this method, and"
+                " least and most hold its phases between channels as well as the recording's."
             )
             if one.chain_assumption:
                 yield one.chain_assumption

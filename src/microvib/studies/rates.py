@@ -60,9 +60,9 @@ from microvib.model.linear import (
     matrices,
 )
 from microvib.model.other_hinge import OtherHinge, other_hinge, torque_at_other_interface
+from microvib.model.parametric import decay_in_motion, parametric_resonances
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.model.turning import decay_in_motion, parametric_resonances
 from microvib.results import FREQUENCY, MICROSTEPS, ORDER, RATE, TORQUE, Column, former_field
 from microvib.signals.limit_curve import EVERYWHERE, Limit, LimitCurve
 from microvib.signals.limit_curve import in_band as limit_in_band
@@ -85,6 +85,8 @@ PARAMETRIC_SHIFTS = np.linspace(0.97, 1.03, 13)
 """Rates, over that at which the motor's stiffness varies at twice the frequency of a mode, at which a
 plan looks for parametric resonance.
 """
+_SAME_ORDER = 1e-4
+"""Difference of two lines' orders, over them, within which they are one."""
 MOST_ELECTRICAL_ORDERS = 16
 """Largest lines of a driver's errors that a plan takes to modes, up to as many driving lines."""
 _OTHER_STANDS = "lines are those of each drive while the other one stands, and both step"
@@ -1398,21 +1400,22 @@ def _crossings_of_drive(
 def _parametric_crossings(
     drive: Scenario, microsteps: int, span: tuple[float, float], prefix: str
 ) -> Iterator[_Crossing]:
-    """Where detent torque and flux harmonics of a ``drive`` vary the motor's stiffness at twice the
-    frequency of a mode, or at the sum of two, and by enough to keep it ringing.
+    """Where what varies over the angle of a ``drive`` does so at twice the frequency of a mode, or at the
+    sum of two, and by enough to keep it ringing.
 
     What rings has half the order of the variation. The rotor's own motion shifts the rate; looked at
     are the rates nearby at which the mode grows most, or decays most slowly.
     """
     low, high = span
-    turn = drive.driver.beats * drive.driver.microsteps
-    electrical = (drive.driving_frequency or 0.0) / (low * turn)  # [Hz] at the rate 1 rad/s
-    for found in parametric_resonances(drive):
-        rate = found.frequency / (found.order * electrical)
+    own = float(drive.rate or 0.0) / low
+    ends = drive, at_rate(drive, Si(high * own), drive.driver.microsteps)
+    for found in dict.fromkeys(x for one in ends for x in parametric_resonances(one)):
+        per_rate = 0.5 * found.order * abs(own) / (2.0 * math.pi)
+        f = 0.5 * found.frequency
+        rate = f / per_rate
         if not low <= rate <= high:
             continue
         near = [x for x in rate * PARAMETRIC_SHIFTS if low <= x <= high]
-        own = float(drive.rate or 0.0) / low
         decays = [
             decay_in_motion(found.mode, at_rate(drive, Si(x * own), drive.driver.microsteps))
             for x in near
@@ -1421,8 +1424,8 @@ def _parametric_crossings(
             x for x, decay in zip(near, decays, strict=True) if decay < 0.5 * found.mode.decay
         ]
         least = near[int(np.argmin(decays))]
-        line, f = electrical_line(found.order // 2), 0.5 * found.frequency
-        met = Resonance(microsteps, least, f, math.nan, f"{prefix}{line}", found.mode.name, f)
+        line = f"{prefix}{found.line}"
+        met = Resonance(microsteps, least, per_rate * least, math.nan, line, found.mode.name, f)
         yield _Crossing(met, sorted({least, *slowed}))
 
 
@@ -1478,8 +1481,13 @@ def _strongest_crossing(meeting: Resonance, cases: Sequence[RateCase]) -> Resona
     """The meeting at that of its rates at which its line is largest; None where the line is too
     small to be one.
     """
+    order = meeting.frequency / meeting.rate
     found = [
-        (x, case.rate) for case in cases for x in _significant_lines(case) if x.name == meeting.line
+        (x, case.rate)
+        for case in cases
+        for x in _significant_lines(case)
+        if x.name == meeting.line
+        or math.isclose(x.frequency / case.rate, order, rel_tol=_SAME_ORDER)
     ]
     if not found:
         if all(case.failed for case in cases):

@@ -32,13 +32,14 @@ MAX_RINGING_DAMPING_RATIO = 0.5
 
 
 class RingingTimes:
-    """The slowest decay [1/s] and the longest and shortest cycle [s] of what rings in a drive:
-    (``decay``, ``cycle``, ``top``).
+    """The slowest decay [1/s] of a drive's modes and current loop, the longest cycle [s] of what rings in it,
+    and the highest frequency [Hz] (``decay``, ``cycle``, ``top``).
     """
 
     def __init__(self, scenario: Scenario) -> None:
         modes = [m for m in coupled_modes(scenario) if m.frequency > 0.0]
-        self.decay = max(min((m.decay for m in modes), default=math.inf), MIN_DECAY_RATE)
+        decays = (*(m.decay for m in modes), scenario.driver.slow_decay(scenario.motor))
+        self.decay = max(min(decays), MIN_DECAY_RATE)
         modes = [m for m in modes if m.damping < MAX_RINGING_DAMPING_RATIO]
         self.cycle = max((1.0 / m.frequency for m in modes), default=0.0)
         self.top = max((m.frequency for m in modes), default=0.0)

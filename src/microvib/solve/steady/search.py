@@ -29,6 +29,7 @@ from functools import reduce
 import numpy as np
 
 from microvib.model.linear import coupled_modes
+from microvib.model.parametric import growth_over_angle
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
@@ -288,10 +289,12 @@ class Search:
         """Against motions that no run reaches: a mode that something feeds nearly as fast as damping
         drains it rings for minutes, or for good.
         """
-        own = math.log(100.0) / max(min(self.period.scenario.load.decay, default=math.inf), 1e-9)
+        scenario = self.period.scenario
+        decays = (*scenario.load.decay, scenario.driver.slow_decay(scenario.motor))
+        own = math.log(100.0) / max(min(decays), 1e-9)
         if self.settling <= max(MAX_SETTLING, SETTLING_RATIO * own):
             return
-        cause = _cause_of_ringing(self.period.scenario)
+        cause = _cause_of_ringing(scenario)
         if math.isinf(self.settling):
             raise NotReproducedByRun(f"{cause}: deviations do not die out")
         by_modes = f", {own:.3g} s by the modes' own damping" if own > 0.0 else ""
@@ -504,6 +507,9 @@ def _cause_of_ringing(scenario: Scenario) -> str:
             "the motor's stiffness, which detent torque or flux harmonics vary over each full step,"
             " sustains the ringing of a mode (parametric resonance)"
         )
+    if fed := growth_over_angle(scenario):
+        key = max(fed, key=lambda one: one.rate).what
+        return f"{key} sustains the ringing of a mode (parametric resonance)"
     return "ringing is hardly damped"
 
 

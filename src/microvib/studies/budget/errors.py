@@ -309,6 +309,13 @@ def _reasons_against_drift(
             "drift.duration: differs from that of another drift, and how far each has come while the"
             " other lasts is not known (give all the same, or one that is reset sooner as constant)"
         )
+    longest = max(r.window or 0.0, r.apart or 0.0)
+    if r.metric not in _WHOLE and error.duration is not None and longest > error.duration:
+        yield (
+            f"drift.duration: ends within the {longest:g} s of the requirement, and what the drift does"
+            " after that is not known (give a duration that is at least as long, or a sawtooth of"
+            " calibrations as periodic)"
+        )
     if r.lowest > 0.0:
         yield (
             "a drift has no frequency, and the requirement's lowest says nothing of it (leave lowest"

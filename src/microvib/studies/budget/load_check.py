@@ -11,12 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.analysis.short_way import BlockedLines
-from microvib.model.coupling import rotation_to_hub_axes
+from microvib.model.coupling import blocked_load_method, rotation_to_hub_axes
 from microvib.model.rigid import COMPONENTS
 from microvib.signals.line_table import DETECTION_RATIO
 from microvib.studies.budget.figures import AXES, line_weights
 from microvib.studies.budget.files import Requirement
-from microvib.studies.budget.sources import Contribution, line_of_sight_by_load, open_gap
+from microvib.studies.budget.sources import (
+    Contribution,
+    both_errors,
+    line_of_sight_by_load,
+    open_gap,
+)
 from microvib.studies.chain_filter import LineRatio, find_filter
 
 _MAX_LOAD_RATIO = 4.0
@@ -59,6 +64,8 @@ class ComparedLoads:
     """Below which nothing is detected of each, (k, 6)."""
     own: np.ndarray
     """Amplitudes of the scenario's own run, (k, 6)."""
+    own_phase: np.ndarray
+    """Its phases as complex numbers of amplitude 1, (k, 6)."""
     los_by_load: np.ndarray
     """Line of sight by one of each load, (k, 6, 2) [rad/N, rad/(N m)]."""
 
@@ -149,13 +156,15 @@ def compare_loads(recorded: Contribution, own: BlockedLines) -> ComparedLoads | 
     seen = np.array([sought.names[k] in recorded.names for k, _ in both], dtype=bool)
     mine, theirs = np.array(both).T
     turn, f = rotation_to_hub_axes(scenario), sought.frequency[mine]
+    loads = own.loads[theirs] @ turn
     return ComparedLoads(
         tuple(sought.names[k] for k in mine),
         f,
         seen,
         sought.amplitude[mine],
         sought.floors[mine],
-        np.abs(own.loads[theirs] @ turn),
+        np.abs(loads),
+        np.exp(1j * np.angle(loads)),
         np.nan_to_num(line_of_sight_by_load(scenario, f, turn)).transpose(1, 0, 2),
     )
 
@@ -223,3 +232,27 @@ def with_load_check(recorded: Contribution, loads: ComparedLoads | None) -> Cont
         gaps=(*recorded.gaps, open_gap(why)),
         relative_error=np.minimum(relative_error, [[[1.0]], [[math.inf]]]),
     )
+
+
+def with_phase_check(recorded: Contribution, loads: ComparedLoads | None) -> Contribution:
+    """Lines of a recording that may as well have the phases between channels of the scenario's own run.
+
+    A channel of the wrong sign, a drive that was mounted half a turn about its axis, or channels that are
+    sampled one after another leave all amplitudes right, and loads that cancel add.
+    """
+    if loads is None or recorded.scenario is None or recorded.recorded is None:
+        return recorded
+    common = [
+        (k, loads.names.index(name)) for k, name in enumerate(recorded.names) if name in loads.names
+    ]
+    if not common:
+        return recorded
+    mine, theirs = np.array(common).T
+    f, amplitude = recorded.frequency[mine], np.abs(recorded.recorded[0][mine])
+    in_hub_axes = (amplitude * loads.own_phase[theirs]) @ rotation_to_hub_axes(recorded.scenario).T
+    los = blocked_load_method(recorded.scenario, f, in_hub_axes).los
+    assert los is not None
+    ratio = np.ones(recorded.los.shape)
+    ratio[mine] = np.abs(los) / np.maximum(np.abs(recorded.los[mine]), 1e-300)
+    by_phases = np.array([np.maximum(1.0 - ratio, 0.0), np.maximum(ratio - 1.0, 0.0)])
+    return replace(recorded, relative_error=both_errors(recorded.relative_errors, by_phases))

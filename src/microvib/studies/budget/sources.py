@@ -440,20 +440,20 @@ def _resonance_uncertainty(
 ) -> np.ndarray:
     """Relative error of lines of the clock, (2, k, 2), by the response at frequencies that they may
     have, and by the ``states`` in which a second drive may be."""
-    found = _drive_uncertainty(scenario, states, frequency)
+    off = np.asarray(frequency_error_bound(frequency))
+    found = _drive_uncertainty(scenario, states, frequency, off)
     return found * np.array([line.of_clock for line in lines])[:, None]
 
 
 def _drive_uncertainty(
-    scenario: Scenario, states: DriveStates | None, frequency: np.ndarray
+    scenario: Scenario, states: DriveStates | None, frequency: np.ndarray, off: np.ndarray
 ) -> np.ndarray:
     """Relative error of lines that a torque on the rotor makes, (2, k, 2), in a scenario of whose
-    drives the ``states`` are not known.
+    drives the ``states`` are not known, where frequencies (k,) [Hz] may be ``off`` (k,) [Hz].
     """
     responses: list[Callable[[np.ndarray], np.ndarray]] = [partial(los_per_rotor_torque, scenario)]
     if states is not None:
         responses.append(lambda f: states.extremes(f, states.on_rotor)[..., 0])
-    off = np.asarray(frequency_error_bound(frequency))
     return response_uncertainty(responses, frequency, off, natural_frequencies(scenario, states))
 
 
@@ -485,6 +485,10 @@ _FREQUENCY_OFFSETS = np.linspace(-1.0, 1.0, 17)
 """Parts of what a frequency may be off at which responses are looked at, besides resonances."""
 
 
+_NEAREST_MODES = 4
+"""Resonances within what a frequency may be off that are looked at."""
+
+
 def response_uncertainty(
     responses: Sequence[Callable[[np.ndarray], np.ndarray]],
     frequency: np.ndarray,
@@ -512,13 +516,9 @@ def response_uncertainty(
     f = np.asarray(frequency, dtype=float)
     if not f.size:
         return np.zeros((2, 0, 2))
-    if modes.size:
-        nearest = modes[np.argmin(np.abs(modes - f[:, None]), axis=1)]
-    else:
-        nearest = f
-    at = np.column_stack(
-        [f, f[:, None] + off[:, None] * _FREQUENCY_OFFSETS, np.clip(nearest, f - off, f + off)]
-    )
+    order = np.argsort(np.abs(modes - f[:, None]), axis=1)[:, :_NEAREST_MODES]
+    nearest = np.clip(modes[order].T, f - off, f + off).T
+    at = np.column_stack([f, f[:, None] + off[:, None] * _FREQUENCY_OFFSETS, nearest])
     size = np.concatenate(
         [np.nan_to_num(each(at.ravel())).reshape(-1, *at.shape, 2) for each in responses]
     )
@@ -940,7 +940,9 @@ def contribution_of_recording(
         + noise[kept] / np.abs(los[kept])
         + _table_error(recording, f[kept])[:, None]
     )
-    beside = _drive_uncertainty(scenario, drive_states(scenario, own=False), f[kept])
+    off_clock = np.abs(f * (1.0 / (table.clock_ratio or 1.0) - 1.0))
+    off = (frequency_error_bound(f) + off_clock)[kept]
+    beside = _drive_uncertainty(scenario, drive_states(scenario, own=False), f[kept], off)
     return Contribution(
         name,
         f"clock lines of the recording {recording.title}, blocked-load method",
@@ -952,6 +954,7 @@ def contribution_of_recording(
         f"{name}, recorded",
         gaps=tuple(gaps),
         relative_error=both_errors(np.broadcast_to(relative_error, beside.shape), beside),
+        frequency_error=off,
         scenario=scenario,
         recording=recording.title or "without a title",
         recorded=(loads[kept], floors[kept]),

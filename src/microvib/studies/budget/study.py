@@ -20,13 +20,14 @@ from microvib.analysis.short_way import (
     blocked_load_solution,
     method_differences,
 )
-from microvib.analysis.start import steady_state_fallback_note
+from microvib.analysis.start import both_drives_reason, steady_state_fallback_note
 from microvib.analysis.sticking import sticking_of
 from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list, quoted_value
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.model.coupling import require_craft, source_of
 from microvib.model.drive_states import MAY_STICK, SLIDES, Sticking
 from microvib.model.line_names import SECOND_DRIVE, is_unlisted
+from microvib.model.parametric import modes_fed_by_both_drives
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
@@ -57,6 +58,7 @@ from microvib.studies.budget.load_check import (
     compare_loads,
     with_filter_check,
     with_load_check,
+    with_phase_check,
 )
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.side_lines import TurningDrives
@@ -274,7 +276,8 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     if measured is not None:
         loads = compare_loads(measured, blocked)
         checked = with_filter_check(measured, blocked)
-        found[0] = with_load_check(with_method_error(checked, compared), loads)
+        of_recording = with_phase_check(with_method_error(checked, compared), loads)
+        found[0] = with_load_check(of_recording, loads)
         found[0] = with_side_lines_of_recording(found[0], whole)
     if ensemble is not None:
         if two:
@@ -284,7 +287,8 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
         beside = with_craft_of_cases(beside, *read_sources(sources, files), ensemble, sticking)
         if measured is not None:
             found[0] = _with_cases_of_another(found[0])
-    found[0] = replace(found[0], gaps=(*found[0].gaps, *_unobserved_axes(first.scenario)))
+    of_craft = (*_unobserved_axes(first.scenario), *_fed_by_both_drives(whole))
+    found[0] = replace(found[0], gaps=(*found[0].gaps, *of_craft))
     found, without = _with_lacking(found, drives)
     found += beside
     return Budget(
@@ -610,6 +614,12 @@ def _unobserved_axes(scenario: Scenario) -> tuple[Unobserved, ...]:
     return unseen_axes(
         missing, f"spacecraft.line_of_sight.rows has no sensitivity of {' and '.join(missing)}"
     )
+
+
+def _fed_by_both_drives(scenario: Scenario) -> Iterator[Unobserved]:
+    """The gap of modes that both drives of a craft keep ringing together."""
+    if fed := modes_fed_by_both_drives(scenario):
+        yield open_gap(both_drives_reason(fed))
 
 
 def both_wings(
