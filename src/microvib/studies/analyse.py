@@ -186,12 +186,7 @@ def analyse(  # noqa: PLR0913 - keyword options
         for note in background_notes(recording, background, channel, table):
             recording = recording.noted(note)
     in_bands = tuple(_rms_in_bands(density, bands))
-    for low, high, _ in in_bands:
-        if high - low < _BAND_BINS * density.resolution:
-            recording = recording.noted(
-                f"the band from {low:g} to {high:g} Hz is narrower than {_BAND_BINS:g} bins of the density,"
-                f" {density.resolution:g} Hz each: its RMS is a part of theirs, and a window's leakage is in it"
-            )
+    recording = _with_notes_on_narrow_bands(recording, density, in_bands)
     return Analysis(
         name=name or recording.title,
         channel=channel,
@@ -217,6 +212,19 @@ def analyse(  # noqa: PLR0913 - keyword options
             **(_reasons_of(opened, guide, channel, table) if band_limits else {}),
         ),
     )
+
+
+def _with_notes_on_narrow_bands(
+    recording: Recording, density: Density, in_bands: Sequence[tuple[float, float, float]]
+) -> Recording:
+    """The recording with a note on each band that is narrower than a few bins of its density."""
+    for low, high, _ in in_bands:
+        if high - low < _BAND_BINS * density.resolution:
+            recording = recording.noted(
+                f"the band from {low:g} to {high:g} Hz is narrower than {_BAND_BINS:g} bins of the density,"
+                f" {density.resolution:g} Hz each: its RMS is a part of theirs, and a window's leakage is in it"
+            )
+    return recording
 
 
 def _rms_in_bands(density: Density, bands: Sequence[Band]) -> Iterator[tuple[float, float, float]]:

@@ -119,7 +119,7 @@ def find_filter(lines: tuple[LineRatio, ...], slowest: float) -> ChainFilter | N
         return None
     candidates = list(_candidates(fit.frequency))
     responses = np.array([one.response(fit.frequency) for one in candidates])
-    best = int(np.argmin(fit.misfits(responses)))
+    best = int(np.argmin(fit.square_sums(responses)))
     return candidates[best] if fit.tells(responses[best]) else None
 
 
@@ -178,7 +178,7 @@ class _Fit:
             and count((after > 1.0) & ~taken) <= _OTHERS_OFF * count(~taken)
         )
 
-    def misfits(self, responses: np.ndarray) -> np.ndarray:
+    def square_sums(self, responses: np.ndarray) -> np.ndarray:
         """Misfit of each of ``responses`` (m, k): sum of squares of what lines are off, each up to a few
         tolerances, (m,).
         """

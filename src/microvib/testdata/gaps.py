@@ -41,7 +41,7 @@ _LEAST_NOISE = 1e-5
 """Its standard deviation over the largest sample, below which it may be rounding to six digits, which is finer
 where samples are small.
 """
-_CALM = 2.0 ** -np.arange(2.0, 12.0)
+_SMALL = 2.0 ** -np.arange(2.0, 12.0)
 """Second differences over the noise's standard deviation, from a quarter down, below which they are hardly any."""
 _LOCALLY, _LIKELY = 2.0, 0.7
 """How many times as probable they may be where the signal's own second differences are small, and how probable at
@@ -60,7 +60,7 @@ in 49 of 50 cases.
 
 _AT_ONCE = 0.7
 """Part of the long runs at whose ends the noise stops and comes back at once: friction that sticks makes a
-simulation calm by and by.
+simulation quiet by and by.
 """
 
 _LEVEL_RUN = 32
@@ -164,9 +164,9 @@ def _noiseless_gaps(x: np.ndarray) -> list[tuple[int, int]]:
         return []
     step = float(np.min(size[size > _STEP * sigma])) / sigma
     known, found = np.zeros(x.size, dtype=bool), []
-    for calm in _CALM:
-        first, end = _runs(size <= calm * sigma)
-        long = end - first >= _longest_by_chance(max(calm, step), size.size)
+    for small in _SMALL:
+        first, end = _runs(size <= small * sigma)
+        long = end - first >= _longest_by_chance(max(small, step), size.size)
         new = long & ~known[first]
         runs = list(zip(first[new].tolist(), end[new].tolist(), strict=True))
         gaps = [(a, b + 2) for a, b in runs if _noise_beside(size, a, b, _BACK * sigma)]
@@ -190,15 +190,15 @@ def _is_noise(bend: np.ndarray, least: float) -> bool:
     return bool(np.sum(power[-few:]) < _OF_LINES * np.sum(power))
 
 
-def _longest_by_chance(calm: float, size: int) -> float:
-    """Length of a run of second differences below ``calm`` standard deviations that noise has not in ``size`` of
+def _longest_by_chance(small: float, size: int) -> float:
+    """Length of a run of second differences below ``small`` standard deviations that noise has not in ``size`` of
     them; infinite where that is too many to tell.
 
     They are those of independent samples: k in a row have the density at 0 of k independent ones times
     sqrt(6)^k at most, whose variance is 6 of a sample's.
     """
-    probability = _LOCALLY * math.sqrt(6.0) * math.sqrt(2.0 / math.pi) * calm
-    if calm > _CALM[0]:
+    probability = _LOCALLY * math.sqrt(6.0) * math.sqrt(2.0 / math.pi) * small
+    if small > _SMALL[0]:
         return math.inf
     return math.log(size / _INCREDIBLE) / -math.log(min(probability, _LIKELY))
 

@@ -392,7 +392,7 @@ class Recording:
 
     @property
     def chain_assumption(self) -> str:
-        """What a verdict assumes of the measuring chain, a sentence; empty where its filters are stated."""
+        """Assumption of a verdict about the measuring chain, a sentence; empty where its filters are stated."""
         if self.chain_stated:
             return ""
         return (

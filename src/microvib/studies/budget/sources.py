@@ -237,7 +237,7 @@ class Contribution:
     array's axes, (k, 6) [N, N m].
     """
     chain_assumption: str = ""
-    """What is assumed of the measuring chain of its recording, a sentence; empty where its filters are stated."""
+    """Assumption about the measuring chain of its recording, a sentence; empty where its filters are stated."""
     sought: SoughtLoads | None = None
     """Recorded loads of all lines that its status does not leave open, also of those that the floor hides."""
     alternatives: tuple[Contribution, ...] = ()
