@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.tiers import at_a_release
 
 import microvib as mv
 from microvib.cli.main import main
@@ -223,6 +224,54 @@ def test_bands_of_a_recording_in_which_the_drive_does_not_run_are_not_judged(sta
     [peak] = mv.analyse(off, scenario=state_1, band_limits=limits).band_peaks
     assert peak.verdict == "not judged"
     assert "no line of the step clock is detected" in peak.why
+
+
+def behind_low_pass(x, corner, order, rate=2048.0):
+    """Samples behind a low-pass, by its magnitude alone."""
+    spectrum, f = np.fft.rfft(x), np.fft.rfftfreq(x.size, 1.0 / rate)
+    return np.fft.irfft(spectrum / np.sqrt(1.0 + (f / corner) ** (2 * order)), x.size)
+
+
+@pytest.fixture(scope="module")
+def torque():
+    """Torque of state 1 in its steady state, (16384,) at 2048 Hz."""
+    settings = {"record.sample_rate": "2048 Hz", "record.duration": "8 s"}
+    return mv.simulate(mv.load_scenario("state-1").with_(settings), start="steady")["T_d"]
+
+
+ENDS = [(2.0, 20.0), (20.0, 80.0), (80.0, 150.0)]
+
+
+def bands_beside_state_1(x):
+    """Verdicts and reasons in three bands with limits above all lines of state 1."""
+    x = x + 1e-5 * np.random.default_rng(0).normal(size=x.size)
+    recorded = Recording({"Mz": x}, 2048.0, {"Mz": "N*m"}, "made")
+    limits = [BandLimit(low, high, 0.1, "N*m") for low, high in ENDS]
+    return mv.analyse(recorded, scenario="state-1", band_limits=limits).band_peaks
+
+
+@pytest.mark.parametrize(
+    ("corner", "order", "judged_bands"),
+    [(10.0, 2, 0), at_a_release(10.0, 1, 0), (30.0, 8, 1), (80.0, 8, 1), (200.0, 4, 3)],
+)
+def test_bands_above_a_low_pass_do_not_pass(torque, corner, order, judged_bands):
+    peaks = bands_beside_state_1(behind_low_pass(torque, corner, order))
+    verdicts = ["pass"] * judged_bands + ["not judged"] * (len(ENDS) - judged_bands)
+    assert [peak.verdict for peak in peaks] == verdicts
+    for peak in peaks[judged_bands:]:
+        assert "far less than B of every main line" in peak.why or "behind a low-pass" in peak.why
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.3, 3.0])
+def test_bands_of_a_drive_that_is_louder_or_quieter_are_judged(torque, factor):
+    verdicts = [peak.verdict for peak in bands_beside_state_1(factor * torque)]
+    assert verdicts == ["pass", "fail" if factor > 1.0 else "pass", "pass"]
+
+
+def test_bands_of_a_recording_in_another_unit_do_not_pass(torque):
+    peaks = bands_beside_state_1(1e-3 * torque)
+    assert [peak.verdict for peak in peaks] == ["not judged"] * len(ENDS)
+    assert "as in N*m taken for mN*m" in peaks[0].why
 
 
 def test_the_first_seconds_of_a_filter_are_left_out():

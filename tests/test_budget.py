@@ -1954,14 +1954,20 @@ def _times_above(x: np.ndarray, factor: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "says", "below"),
     [
-        (lambda x: lfilter(*butter(4, 25.0, fs=1024.0), x), "has less than 1/4 of lines"),
-        (lambda x: _times_above(x, 0.1), "has less than 1/4 of lines"),
-        (lambda x: _times_above(x, 10.0), "has more than 4 times of lines"),
+        (
+            lambda x: lfilter(*butter(4, 25.0, fs=1024.0), x),
+            "has less than 1/4 of lines",
+            "not judged",
+        ),
+        (lambda x: _times_above(x, 0.1), "has less than 1/4 of lines", "pass"),
+        (lambda x: _times_above(x, 10.0), "has more than 4 times of lines", "pass"),
     ],
 )
-def test_lines_of_another_size_in_a_band_decide_nothing_there(on_table, change, says) -> None:
+def test_lines_of_another_size_in_a_band_decide_nothing_there(
+    on_table, change, says, below
+) -> None:
     """Each line counts, whatever the others of its component are, and in its band alone."""
     low, high = _judged_by_table(on_table, change)
     assert high.verdict == "not judged"
@@ -1970,7 +1976,17 @@ def test_lines_of_another_size_in_a_band_decide_nothing_there(on_table, change, 
         says in why and "of the scenario's own run that matter here" in why for why in high.why
     )
     assert any(re.search(r"such as \w+ of [FM][xyz] \S+ for \S+ N", why) for why in high.why)
-    assert low.verdict == "pass"
+    assert low.verdict == below  # a low-pass at 25 Hz takes more than 5 % of lines from 19 Hz
+    assert below == "pass" or "behind a low-pass" in str(low.why)
+
+
+@pytest.mark.parametrize(("corner", "noise"), [(3.0, 1e-7), (6.0, 1e-7), (6.0, 1e-3)])
+def test_lines_of_which_a_high_pass_took_a_part_are_not_judged(on_table, corner, noise) -> None:
+    """Of the line at 3.33 Hz a quarter, and a half: less than lines may differ from the scenario's."""
+    b, a = butter(1, corner, "high", fs=1024.0)
+    low, high = _judged_by_table(on_table, lambda x: lfilter(b, a, x), noise)
+    assert (low.verdict, high.verdict) == ("not judged", "pass")
+    assert any("behind a high-pass (AC coupling) of order 1" in why for why in low.why)
 
 
 @pytest.mark.parametrize("factor", [0.4, 1.0, 2.5])

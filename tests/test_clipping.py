@@ -1,4 +1,4 @@
-"""Clipping, told by the distribution of samples at a channel's extremes, and what is not clipped; gaps that were filled."""
+"""Clipping, told by the distribution of samples at a channel's extremes, and what is not clipped."""
 
 from __future__ import annotations
 
@@ -130,19 +130,3 @@ def test_the_sentence_says_how_much_where_and_on_which_side() -> None:
     said = re.fullmatch(sentence, str(told.value))
     assert said is not None
     assert 0.01 * float(said[1]) == pytest.approx(share, rel=0.02)
-
-
-@pytest.mark.parametrize("size", [1e-4, 1e-2])
-def test_a_gap_that_was_filled_is_told(size: float) -> None:
-    x = drive() + noise(size)
-    keep = (T % 0.1) < 0.05
-    filled = np.where(keep, x, np.interp(T, T[keep], x[keep]))[: np.flatnonzero(keep)[-1] + 1]
-    with pytest.raises(RecordingError, match=r"is exactly straight over (50|51) % of its samples"):
-        require_usable_channel(Recording({"Mz": filled}, RATE, {"Mz": "N*m"}, "made"), "Mz")
-
-
-@pytest.mark.parametrize("kind", ["slow sine", "sine", "drive", "triangle", "sawtooth", "blows"])
-@pytest.mark.parametrize("size", [0.0, 1e-6, 1e-3])
-def test_what_is_straight_of_itself_was_not_filled(kind: str, size: float) -> None:
-    x = GENUINE[kind] + noise(size)
-    require_usable_channel(Recording({"Mz": x}, RATE, {"Mz": "N*m"}, "made"), "Mz")

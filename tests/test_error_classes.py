@@ -14,7 +14,7 @@ import pytest
 from microvib.errors import MicrovibError, ScenarioError
 from microvib.io.file_access import NO_FILES
 from microvib.signals.pointing import metric_weight
-from microvib.studies.budget.files import OtherSource, Requirement, Sources, read_file
+from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.study import read_sources
@@ -167,9 +167,12 @@ def test_a_drift_whose_rate_is_spread_is_the_product_of_rate_and_time(kind: str)
 )
 def test_a_drift_is_a_straight_line_in_a_window(metric: str, wanted: float) -> None:
     drift = given(drift={"x": -0.1, "y": 0.0, "duration": 20.0})
-    one = judged({"metric": metric, "window": 2.0, "apart": 5.0}, drift)
+    asked = {"metric": metric, "window": 2.0}
+    if metric in ("stability", "pde"):
+        asked["apart"] = 5.0
+    one = judged(asked, drift)
     assert (one.least, one.value, one.most) == pytest.approx([wanted] * 3, abs=1e-12)
-    bound = judged({"metric": metric, "window": 2.0, "apart": 5.0, "statistic": "bound"}, drift)
+    bound = judged({**asked, "statistic": "bound"}, drift)
     largest = {"ape": 2.0, "rpe": 0.1, "smear": 0.1, "jitter": 0.0, "stability": 0.5, "pde": 0.5}
     assert bound.value == pytest.approx(largest[metric], abs=1e-12)
 
@@ -508,3 +511,43 @@ def test_a_random_error_has_the_mean_square_of_its_whole_window_in_rms() -> None
     slow = given(random={"spread_x": 1.0, "spread_y": 0.0, "correlation_time": 1e4})
     one = judged({"metric": "rpe", "window": 1.0}, slow)
     assert one.value == pytest.approx(math.sqrt(2e-4 / 6.0), rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ({"confidence": 0.99}, "confidence: goes with statistic level or bound"),
+        (
+            {"metric": "rpe", "window": 1.0, "apart": 2.0},
+            "apart: goes with metric stability or pde",
+        ),
+    ],
+)
+def test_keys_that_say_nothing_of_the_metric_are_refused(
+    keys: dict[str, object], says: str
+) -> None:
+    """A level of 99 % was meant, and its rms passed."""
+    with pytest.raises(ValueError, match=says):
+        judged(keys, constant("a", **NORMAL))
+
+
+@pytest.mark.parametrize("key", ["statistic: level", "confidence: 50 percent"])
+def test_a_curve_takes_no_statistic(key: str, tmp_path: Path) -> None:
+    curve = "curve: [{frequency: 1 Hz, amplitude: 1 urad}, {frequency: 9 Hz, amplitude: 1 urad}]"
+    path = tmp_path / "r.yaml"
+    path.write_text(f"requirements:\n  - {{{curve}, {key}}}\n")
+    with pytest.raises(MicrovibError, match=f"{key.split(':')[0]}: does not go with curve"):
+        read_file(path, Requirements)
+
+
+@pytest.mark.parametrize("metric", ["stability", "pde", "rpe"])
+def test_a_drift_that_ends_within_a_window_is_not_judged(metric: str) -> None:
+    """Ten seconds of it counted as a hundred, and failed."""
+    window = {"apart": 100.0} if metric == "stability" else {"window": 100.0}
+    asked = {"metric": metric, **window}
+    short, long = (
+        judged(asked, given(drift={"x": 1e-3, "y": 0.0, "duration": T})) for T in (10.0, 100.0)
+    )
+    assert short.verdict == "not judged"
+    assert any("ends within the 100 s" in why for why in short.why)
+    assert long.verdict == "pass"

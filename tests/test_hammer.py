@@ -1,6 +1,7 @@
 """Hammer tests of a virtual table with known resonances: responses, resonances, blows that are left out."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from microvib.analysis.lines import lines_of_recording
 from microvib.cli.main import main
 from microvib.io.recordings import load_preparation, read_prepared, write_recording
 from microvib.io.scenario_file import load_bench
-from microvib.signals.impacts import impact_response
+from microvib.signals.impacts import ImpactError, impact_response
 from microvib.studies.hammer import HammerTest, Hits, hammer_test
 from microvib.testdata.bench_parts import table_response
 from microvib.testdata.recording import Recording, RecordingError
@@ -74,6 +75,47 @@ def test_a_double_hit_is_left_out_and_named(later):
     assert left_out[0].time == pytest.approx(3.5, abs=0.1)
     assert "double hit" in left_out[0].rejected
     assert test.each["Mz"].averages == 9
+
+
+CRESTS = {
+    "half sine": lambda t: np.where(abs(t) < 0.5, np.cos(np.pi * np.clip(t, -0.5, 0.5)), 0.0),
+    "raised cosine": lambda t: np.where(
+        abs(t) < 0.5, np.cos(np.pi * np.clip(t, -0.5, 0.5)) ** 2, 0.0
+    ),
+    "flat": lambda t: np.maximum(1.0 - (2.0 * t) ** 4, 0.0),
+}
+
+
+def clipped_blows(crest, samples: int, level: float, noise: float) -> list[str]:
+    """Why the ten blows of a hammer whose force is cut off at a ``level`` are left out; its noise is behind that."""
+    rng, n = np.random.default_rng(2), 11 * 1024
+    t = np.arange(n) / samples
+    force = sum(crest(t - (600.0 + 1024.0 * k + rng.random()) / samples) for k in range(10))
+    reading = np.sin(0.3 * np.arange(n)) * np.exp(-0.05 * (np.arange(n) % 1024 - 600.0).clip(0.0))
+    reading = np.where(np.arange(n) % 1024 >= 600, reading, 0.0)
+    seen = np.minimum(force, level) + noise * rng.normal(size=n)
+    try:
+        test = impact_response(seen, reading, 1024.0)
+    except ImpactError as error:
+        return re.findall(r"s: (\w+)", str(error))
+    return [blow.rejected for blow in test.blows]
+
+
+@pytest.mark.parametrize("crest", [*CRESTS])
+@pytest.mark.parametrize(
+    ("samples", "level", "noise"), [(40, 0.8, 1e-3), (40, 0.5, 3e-3), (100, 0.9, 1e-3)]
+)
+def test_a_clipped_force_is_told_whatever_noise_lies_on_it(crest, samples, level, noise):
+    left_out = clipped_blows(CRESTS[crest], samples, level, noise)
+    assert left_out.count("clipped") >= 8
+    assert "clipped" not in clipped_blows(CRESTS[crest], samples, 2.0, noise)
+
+
+@pytest.mark.parametrize("crest", [*CRESTS])
+@pytest.mark.parametrize("samples", [5, 10, 20, 60])
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 3e-3, 2e-2])
+def test_a_crest_of_a_blow_is_not_called_clipped(crest, samples, noise):
+    assert "clipped" not in clipped_blows(CRESTS[crest], samples, 2.0, noise)
 
 
 def test_clipped_weak_and_unsettled_blows_are_left_out():

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from microvib.model.parametric import (
     modes_fed_by_both_drives,
 )
 from microvib.model.scenario import Scenario
+from microvib.model.turning import turning_drive
 
 SOFT = {
     "motor": {
@@ -237,7 +239,7 @@ def test_two_drives_feed_a_mode_in_which_both_wings_swing_together() -> None:
     assert "by both drives together" in str(judged)
 
 
-def _two_wings() -> dict[str, object]:
+def _two_wings() -> dict[str, Any]:
     """Two equal wings on a free craft, each with a mode of 3 Hz, at full steps of twice its frequency."""
     place = {
         "position": ["0.35 m", "0.9 m", "-0.2 m"],
@@ -276,3 +278,20 @@ def _two_wings() -> dict[str, object]:
             "second_wing": {"interface": other, "drive": "driven"},
         },
     }
+
+
+def test_two_drives_take_away_the_damping_of_a_mode_together() -> None:
+    """In the mode that leaves the hub at rest, two wings are as one on a fixed base, where it grows."""
+    wings = _two_wings()
+    rigid_arrays = {**wings, "array": {**wings["array"], "modes": []}}
+    falls = {
+        "motor.detent_torque": "0 N*m",
+        "friction.coulomb": "0.02 N*m",
+        "friction.breakaway": "0.0204 N*m",
+        "friction.stribeck_rate": "0.8 deg/s",
+    }
+    craft = mv.load_scenario("state-1").with_(rigid_arrays).with_(falls)
+    assert turning_drive(craft.alone).growth == 0.0
+    assert turning_drive(craft.with_({"spacecraft": None})).growth > 0.0
+    assert modes_fed_by_both_drives(craft) == ("wing_2_mode_1",)
+    assert not modes_fed_by_both_drives(craft.with_({"friction.breakaway": "0.02 N*m"}))

@@ -15,6 +15,7 @@ import numpy as np
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
 from microvib.model.parametric import (
+    GrowthOverAngle,
     decay_in_motion,
     growth_over_angle,
     modes_fed_by_both_drives,
@@ -467,7 +468,7 @@ def _not_lasting_reason(scenario: Scenario) -> str:
     elif fed := [one for one in growth_over_angle(scenario) if one.may_grow]:
         slowest_growth = min(fed, key=lambda one: one.growth)
         if slowest_growth.growth == 0.0:
-            return _perhaps_growing_reason(slowest_growth.what, scenario)
+            return _perhaps_growing_reason(slowest_growth, scenario)
         needed = GROWN_EFOLDINGS / slowest_growth.growth + SETTLED_EFOLDINGS / decay
         what = (
             f"a parametric resonance that has not come to its end, as {slowest_growth.what} varies the stiffness"
@@ -480,11 +481,12 @@ def _not_lasting_reason(scenario: Scenario) -> str:
     return f"{what} (record.settle >= {longer} s{steady_start_advice(scenario)})"
 
 
-def _perhaps_growing_reason(key: str, scenario: Scenario) -> str:
-    """Why a run in time, of whatever length, does not tell whether a mode lasts that a key may feed."""
+def _perhaps_growing_reason(fed: GrowthOverAngle, scenario: Scenario) -> str:
+    """Why a run in time, of whatever length, does not tell whether modes last that something feeds."""
     return (
-        f"a parametric resonance that may grow, however slowly, as {key} varies the stiffness so that twice a"
-        f" mode's frequency comes of it (another tracking.rate, by a hundredth{steady_start_advice(scenario)})"
+        f"a parametric resonance that may grow, however slowly: {fed.what} may feed"
+        f" {' and '.join(fed.modes)} as fast as damping drains them (another tracking.rate, by a"
+        f" hundredth{steady_start_advice(scenario)})"
     )
 
 

@@ -16,8 +16,7 @@ harmonics do by themselves is exact in ``microvib.model.turning``.
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple
@@ -40,6 +39,8 @@ _STRONGEST = 24
 """Tones that are taken in pairs, those that feed modes most by themselves."""
 _NEGLIGIBLE = 0.05
 """Part of the decay of modes, and of its square, below which one tone, or the product of two, feeds nothing."""
+_RINGS = 0.1
+"""Damping ratio below which a mode rings."""
 _STIFF_GEAR = 1e4
 """Stiffness of a gear in place of a rigid one, over that by which what it carries follows the fastest mode."""
 
@@ -111,24 +112,31 @@ def growth_over_angle(scenario: Scenario) -> tuple[GrowthOverAngle, ...]:
     if shapes is None or not scenario.rate:
         return ()
     by_motor = turning_drive(scenario).decay
-    found = []
-    for (i, j), feeding in _feeding(scenario, shapes).items():
-        springs = [one.of_spring for one in feeding]
-        if all(springs):
-            continue  # exact in turning_drive
-        modes = shapes.modes[i], shapes.modes[j]
-        decay = [mode.decay for mode in modes]
-        if not any(springs):
-            decay = [min(mode.decay, by_motor.get(mode.name, math.inf)) for mode in modes]
-        most = sum(one.most for one in feeding)
-        least = feeding[0].least if len(feeding) == 1 else 0.0  # several may cancel
-        keys = " with ".join(dict.fromkeys(one.key for one in feeding))
-        names = tuple({mode.name for mode in modes})
-        grows = _growth_of(most, *decay)
-        found.append(
-            GrowthOverAngle(keys, names, most, grows > 0.0, max(_growth_of(least, *decay), 0.0))
-        )
-    return tuple(found)
+    return tuple(
+        _growth([shapes.modes[k] for k in pair], feeding, by_motor)
+        for pair, feeding in _feeding(scenario, shapes).items()
+        if not all(one.of_spring for one in feeding)  # exact in turning_drive
+    )
+
+
+def _growth(
+    modes: Sequence[CoupledMode], feeding: Sequence[_Feeding], by_motor: Mapping[str, float]
+) -> GrowthOverAngle:
+    """Growth of two modes, or one twice, by all that feeds them; decays ``by_motor`` hold what the motor's
+    spring does.
+    """
+    decay = [mode.decay for mode in modes]
+    if not any(one.of_spring for one in feeding):
+        decay = [min(mode.decay, by_motor.get(mode.name, math.inf)) for mode in modes]
+    most = sum(one.most for one in feeding)
+    least = feeding[0].least if len(feeding) == 1 else 0.0  # several may cancel
+    return GrowthOverAngle(
+        what=" with ".join(dict.fromkeys(one.key for one in feeding)),
+        modes=tuple({mode.name for mode in modes}),
+        rate=most,
+        may_grow=_growth_of(most, *decay) > 0.0,
+        growth=max(_growth_of(least, *decay), 0.0),
+    )
 
 
 @lru_cache(maxsize=32)
@@ -136,7 +144,8 @@ def modes_fed_by_both_drives(scenario: Scenario) -> tuple[str, ...]:
     """Find the modes of a craft that two drives which step feed by more than their decay together.
 
     Of a mode in which both wings swing each drive sees half the energy while the other one stands: together
-    they may keep ringing what neither does alone. Their phases are taken as those that feed most.
+    they may keep ringing what neither does alone, by what varies over the angle, by windings that take damping
+    away, or by friction that falls with the rate. Phases are taken as those that feed most.
     """
     second = scenario.driven_wing
     if second is None:
@@ -145,18 +154,51 @@ def modes_fed_by_both_drives(scenario: Scenario) -> tuple[str, ...]:
     modes = [sorted(coupled_modes(one), key=lambda mode: mode.frequency) for one in drives]
     if len(modes[0]) != len(modes[1]):
         return ()
-    named = [mode for mode in modes[0] if mode.frequency > 0.0]
-    rates: Counter[tuple[int, int]] = Counter()
-    for drive in drives:
-        if (shapes := _shapes(drive)) is not None and drive.rate:
-            feeding = _feeding(drive, shapes)
-            rates.update({pair: sum(one.most for one in each) for pair, each in feeding.items()})
-    grows = [
-        pair
-        for pair, rate in rates.items()
-        if _growth_of(rate, *(named[k].decay for k in pair)) > 0.0
+    named = [[mode for mode in each if mode.frequency > 0.0] for each in modes]
+    grows = _fed_by_both(drives, named[0])
+    lost = zip(
+        *(_lost_damping(one, own) for one, own in zip(drives, named, strict=True)), strict=True
+    )
+    undamped = [
+        mode.name
+        for mode, parts in zip(named[0], lost, strict=True)
+        if _lose_all(mode.decay, *parts)
     ]
-    return tuple(dict.fromkeys(named[k].name for pair in grows for k in pair))
+    return tuple(dict.fromkeys([*grows, *undamped]))
+
+
+def _fed_by_both(drives: Sequence[Scenario], modes: Sequence[CoupledMode]) -> Iterator[str]:
+    """Names of modes that the tones of both drives feed by more than their decay."""
+    first, second = (_rates_of_feeding(one) for one in drives)
+    for pair in sorted(first.keys() & second.keys()):
+        if _growth_of(first[pair] + second[pair], *(modes[k].decay for k in pair)) > 0.0:
+            yield from (modes[k].name for k in pair)
+
+
+def _lose_all(decay: float, first: float, second: float) -> bool:
+    """Whether two drives take away all of a mode's ``decay`` [1/s], which neither does by itself."""
+    part = min(first, second)
+    return part > _NEGLIGIBLE * decay and max(first, second) < decay < first + second
+
+
+def _lost_damping(drive: Scenario, modes: Sequence[CoupledMode]) -> list[float]:
+    """Decay [1/s] that modes lose by the windings of a drive, and by its friction's slope; 0 of those that do
+    not ring.
+    """
+    on_slope = turning_drive(drive).decay_on_slope
+    return [
+        max(mode.decay - on_slope.get(mode.name, math.inf), 0.0) if mode.damping < _RINGS else 0.0
+        for mode in modes
+    ]
+
+
+def _rates_of_feeding(drive: Scenario) -> dict[tuple[int, int], float]:
+    """Rates [1/s] by which a drive feeds each pair of modes; without those that it does not."""
+    shapes = _shapes(drive)
+    if shapes is None or not drive.rate:
+        return {}
+    found = _feeding(drive, shapes).items()
+    return {pair: sum(one.most for one in each) for pair, each in found}
 
 
 class _Feeding(NamedTuple):

@@ -74,12 +74,14 @@ class TurningDrive:
     varying: bool
     """Whether it is the variation of the stiffness over the angle that makes it grow."""
     decay: dict[str, float]
-    """Decay rates [1/s] of modes by name, the slowest in which each takes part; negative where it
-    grows.
+    """Decay rates [1/s] of modes by name, the slowest in which each takes part, with frictions by their
+    viscous part; negative where it grows.
     """
+    decay_on_slope: dict[str, float]
+    """Decay rates with frictions by their slope at the rate."""
 
 
-SLIDING = TurningDrive(0.0, False, {})
+SLIDING = TurningDrive(0.0, False, {}, {})
 """A drive of which nothing is known beyond its modes."""
 
 
@@ -189,6 +191,21 @@ def _turning_drive(turning: _Turning) -> TurningDrive:
     if system is None:
         return SLIDING
     rounding = _ROUNDING * undamped_rounding(scenario) + 1e-9
+    growth, constant_growth, decay = _fate_of_deviations(system, scenario)
+    on_slope = decay
+    if max(scenario.motor.friction.stribeck_torque, scenario.friction.stribeck_torque) > 0.0:
+        falling = _System.of(scenario, falling=True)
+        assert falling is not None  # the same load
+        growth, constant_growth, on_slope = _fate_of_deviations(falling, scenario)
+    if growth <= rounding:
+        return TurningDrive(0.0, False, decay, on_slope)
+    return TurningDrive(growth, constant_growth <= rounding, decay, on_slope)
+
+
+def _fate_of_deviations(
+    system: _System, scenario: Scenario
+) -> tuple[float, float, dict[str, float]]:
+    """Growth [1/s] of the deviation that grows fastest, that without what varies, and decay of each mode."""
     values, shapes = np.linalg.eig(system.constant)
     exponents, participation = system.exponents(values, shapes)
     decay = {}
@@ -198,15 +215,7 @@ def _turning_drive(turning: _Turning) -> TurningDrive:
         parts = exponents[participation[k] > _PARTICIPATION]
         if parts.size:
             decay[mode.name] = -float(np.max(parts))
-    if max(scenario.motor.friction.stribeck_torque, scenario.friction.stribeck_torque) > 0.0:
-        falling = _System.of(scenario, falling=True)
-        assert falling is not None  # the same load
-        values, shapes = np.linalg.eig(falling.constant)
-        exponents, _ = falling.exponents(values, shapes)
-    growth = float(np.max(exponents))
-    if growth <= rounding:
-        return TurningDrive(0.0, False, decay)
-    return TurningDrive(growth, float(np.max(values.real)) <= rounding, decay)
+    return float(np.max(exponents)), float(np.max(values.real)), decay
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,8 @@ def _about(a: Analysis) -> Iterator[tuple[str, str]]:
         told_apart = f"{SEPARATION / a.recording.duration:.3g} Hz"
         yield "Resolution", f"lines are told apart, and from the mean, {told_apart} away"
     if a.band_peaks:
-        yield "Peaks in bands", bands_sentence(a.band_peaks)
+        said = [f"{bands_sentence(a.band_peaks)}", a.recording.chain_assumption.rstrip(".")]
+        yield "Peaks in bands", ". ".join(filter(None, said))
     for note in a.recording.notes_on(a.channel):
         if note:
             yield "Note", note

@@ -269,6 +269,8 @@ def _recordings(budget: Budget) -> Iterator[str]:
                 " blocked-load method; a run of the scenario beside it gives the error of this method, and"
                 " least and most hold its phases between channels as well as the recording's."
             )
+            if one.chain_assumption:
+                yield one.chain_assumption
 
 
 def _ranges(budget: Budget) -> Iterator[str]:

@@ -29,6 +29,14 @@ _RUNG_DOWN = 0.02
 _LEFT_AT_END = 0.01
 """Part that the exponential window leaves at the end of a block that has not rung down."""
 _LONGEST_BLOCK = 2.0
+_TOP_NOISE, _TOP_PART, _TOP_SAMPLES = 6.0, 2e-3, 4
+"""Times the noise, and part of the peak, within which samples are at a blow's top; and how many in a row may be a
+level at which it was cut off.
+"""
+_CUT_OFF = 6.0
+"""Times that by which the force has fallen a quarter of the top's length beyond it on both sides: a crest of the form
+|t|^m has by 1.5^m times, 2.3 where it is a parabola, 5.1 with m of 4.
+"""
 
 
 class ImpactError(MicrovibError):
@@ -192,7 +200,7 @@ def _fault(
     if abs(x[k]) < _WEAK_RATIO * usual:
         return f"weak, {100.0 * abs(x[k]) / usual:.2g} % of the median blow"
     at_limit = np.abs(x[segment]) == float(np.max(np.abs(x)))
-    if np.count_nonzero(at_limit) >= 2:
+    if np.count_nonzero(at_limit) >= 2 or _is_cut_off(x, k, noise):
         return "clipped"
     second = _second_blow(x[segment], k - segment.start, noise)
     if second is not None:
@@ -217,6 +225,20 @@ def _fault_of_response(response: np.ndarray, segment: slice, k: int) -> str:
     if float(np.std(rest)) > max(_AT_REST * largest, _QUIET_RATIO * quiet):
         return "the structure was not at rest before it"
     return ""
+
+
+def _is_cut_off(x: np.ndarray, k: int, noise: float) -> bool:
+    """Whether a blow with its peak at the sample ``k`` stays at its top for several samples, to the ``noise``, and
+    leaves it at once on both sides.
+    """
+    peak = abs(float(x[k]))
+    tolerance = max(_TOP_NOISE * noise, _TOP_PART * peak)
+    first, last = _pulse(x, k, peak - tolerance)
+    beyond = max((last - first + 1) // 4, 1)
+    if last - first + 1 < _TOP_SAMPLES or first < beyond or last + beyond >= x.size:
+        return False
+    sides = np.abs(x[[first - beyond, last + beyond]])
+    return bool(np.max(sides) <= peak - _CUT_OFF * tolerance)
 
 
 def _pulse(x: np.ndarray, k: int, least: float) -> tuple[int, int]:

@@ -45,6 +45,7 @@ from microvib.signals.spectrum import Average, Density, Spectrum, Waterfall, Win
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
 from microvib.studies.bands import BandPeak, Gaps, judge_bands, reasons_of_lines
+from microvib.studies.recording_limits import beside_scenario, misread_in_band
 from microvib.testdata.channels import ACCELERATIONS
 from microvib.testdata.recording import Recording, require_usable_channel
 from microvib.testdata.section import Section
@@ -185,12 +186,7 @@ def analyse(  # noqa: PLR0913 - keyword options
         for note in background_notes(recording, background, channel, table):
             recording = recording.noted(note)
     in_bands = tuple(_rms_in_bands(density, bands))
-    for low, high, _ in in_bands:
-        if high - low < _BAND_BINS * density.resolution:
-            recording = recording.noted(
-                f"the band from {low:g} to {high:g} Hz is narrower than {_BAND_BINS:g} bins of the density,"
-                f" {density.resolution:g} Hz each: its RMS is a part of theirs, and a window's leakage is in it"
-            )
+    recording = _with_notes_on_narrow_bands(recording, density, in_bands)
     return Analysis(
         name=name or recording.title,
         channel=channel,
@@ -213,9 +209,22 @@ def analyse(  # noqa: PLR0913 - keyword options
             channel,
             roll_off=roll_off,
             background=background,
-            **_reasons_of(opened, guide, table),
+            **(_reasons_of(opened, guide, channel, table) if band_limits else {}),
         ),
     )
+
+
+def _with_notes_on_narrow_bands(
+    recording: Recording, density: Density, in_bands: Sequence[tuple[float, float, float]]
+) -> Recording:
+    """The recording with a note on each band that is narrower than a few bins of its density."""
+    for low, high, _ in in_bands:
+        if high - low < _BAND_BINS * density.resolution:
+            recording = recording.noted(
+                f"the band from {low:g} to {high:g} Hz is narrower than {_BAND_BINS:g} bins of the density,"
+                f" {density.resolution:g} Hz each: its RMS is a part of theirs, and a window's leakage is in it"
+            )
+    return recording
 
 
 def _rms_in_bands(density: Density, bands: Sequence[Band]) -> Iterator[tuple[float, float, float]]:
@@ -253,23 +262,30 @@ def section_of(source: Source, section: Section | None) -> Source:
     return replace(source, recording=section.cut(source.recording)[0])
 
 
-def _reasons_of(source: Source, guide: Scenario | None, table: LineTable | None) -> dict[str, Any]:
+def _reasons_of(
+    source: Source, guide: Scenario | None, channel: str, table: LineTable | None
+) -> dict[str, Any]:
     """Reasons why bands are not judged, for ``judge_bands``: of a simulated torque those for which its
-    lines are not, of a recording of a drive that what is seen may not be that drive.
+    lines are not, of a recording of a drive that what is seen may not be that drive, or not all of it.
     """
     if isinstance(source, Scenario):
         scenario: Scenario | None = source
     elif isinstance(source, RunFolder):
         scenario = source.scenario or guide
+    elif guide is None or table is None:
+        return {}
     else:
-        return {} if guide is None or table is None else {"gaps": _other_drive_reasons(table)}
+        return {"gaps": _recording_gaps(source, guide, channel, table)}
     return {} if table is None else reasons_of_lines(table, scenario)
 
 
-def _other_drive_reasons(table: LineTable) -> Gaps:
-    """Reasons, the same in every band, to question that a recording is of the drive at its rate."""
-    reasons = tuple(clock_warnings(table))
-    return lambda low, high, limit: reasons
+def _recording_gaps(source: Source, guide: Scenario, channel: str, table: LineTable) -> Gaps:
+    """Reasons to question that a band of a recording shows the drive: the same in every band, that it is of
+    the drive at its rate, and those that keep lines between the band's ends from passing.
+    """
+    everywhere = tuple(clock_warnings(table))
+    compared = beside_scenario(source, channel, guide) if isinstance(source, Prepared) else None
+    return lambda low, high, limit: (*everywhere, *misread_in_band(compared, (low, high)))
 
 
 def _orders(table: LineTable | None, x: np.ndarray) -> tuple[OrderLine, ...]:
@@ -415,4 +431,5 @@ def _simulated_with_lines(
     table = None
     if channel == "M" + guide.array.drive_axis:
         table = lines_of_samples(recording[channel], recording.sample_rate, guide)
-    return recording, None, table, guide.tracking.clock_ratio
+    without_chain = replace(recording, chain_stated=True)
+    return without_chain, None, table, guide.tracking.clock_ratio

@@ -4,10 +4,11 @@ tables.
 
 from __future__ import annotations
 
+import cmath
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, get_args
 
@@ -20,12 +21,13 @@ from microvib.analysis.steadiness import blurred
 from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines, RunFolder, Source, open_source
-from microvib.model.line_names import is_unlisted
+from microvib.model.line_names import LineName, is_unlisted
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import NOT_THE_DRIVES, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
+from microvib.studies.chain_filter import LineRatio, find_filter
 from microvib.studies.evidence import Observation, observations
 from microvib.studies.misreading import (
     CONSENSUS_WIDTH,
@@ -90,6 +92,8 @@ class SideLine:
     usable: bool = True
     """Whether it is the drive's as the force table shows it: outside its usable band, near its resonances and
     in the background it is not."""
+    phase: float = math.nan
+    """[rad]."""
 
     @property
     def place(self) -> float:
@@ -128,6 +132,10 @@ class Side:
     """Channel of a recording."""
     channels: Mapping[str, np.ndarray] = field(default_factory=dict)
     """All channels of a recording that are of the same kind, (n,) each."""
+    chain_stated: bool = False
+    """Whether the preparation of a recording states the filters of its measuring chain."""
+    repeats: float = math.nan
+    """Frequency [Hz] with which the drive's motion repeats at its nominal clock; nan where it is not known."""
 
 
 def _relative(value: float, reference: float) -> float:
@@ -346,15 +354,57 @@ def lacking_within(
 ) -> tuple[str, ...]:
     """Sentences on a side that is a record with far too little of all main lines of the other from ``low`` to
     ``high`` [Hz], or of those from some frequency up, as behind a low-pass; empty where it has enough.
+
+    A low-pass is looked for among the lines of the band, and among all of the record: a band may have one line
+    alone.
     """
     inside = [r for r in rows if r.is_within(low, high)]
     where = f"from {low:.4g} Hz" + (f" to {high:.4g} Hz" if math.isfinite(high) else "")
     if lacking := _lacking(a, b, inside):
         told = [f"{where} {_lacking_in_words(*x)}" for x in lacking.items()]
     else:
-        rolled_off = _lacking(a, b, inside, rolled_off_lines)
-        told = [f"{where} {_rolled_off_in_words(*x)}" for x in rolled_off.items()]
-    return tuple(f"{sentence}: {_WHY_BAND_LACKS}" for sentence in told)
+        told = [
+            f"{where} {_rolled_off_in_words(*x)}"
+            for x in _lacking(a, b, inside, rolled_off_lines).items()
+        ] or [
+            _rolled_off_in_words(*x)
+            for x in _lacking(a, b, rows, rolled_off_lines).items()
+            if min(line.frequency for line in x[1]) <= high
+        ]
+    if told:
+        return tuple(f"{sentence}: {_WHY_BAND_LACKS}" for sentence in told)
+    return tuple(filter_gaps(a, b, rows, low, high))
+
+
+def filter_gaps(a: Side, b: Side, rows: Sequence[Row], low: float, high: float) -> Iterator[str]:
+    """Sentences on filters of measuring chains that take more than is allowed of lines between ``low`` and ``high``
+    [Hz], by amplitudes and phases of all lines of a recording beside the other side's.
+    """
+    for mark, other, side in (("A", "B", a), ("B", "A", b)):
+        if side.kind != "recording" or side.chain_stated:
+            continue
+        repeats = next((x.repeats for x in (a, b) if math.isfinite(x.repeats)), math.nan)
+        found = find_filter(tuple(_line_ratios(rows, mark)), repeats)
+        if found is not None and found.takes_between(low, high):
+            yield (
+                f"the lines of {mark} are those of {other} behind {found}: take it out, or state that there is none"
+                " (response of the preparation file)"
+            )
+
+
+def _line_ratios(rows: Sequence[Row], mark: str) -> Iterator[LineRatio]:
+    """Lines of the clock of the side ``mark`` over the other side's, where both are known."""
+    for row in rows:
+        own, other = (row.a, row.b) if mark == "A" else (row.b, row.a)
+        name = LineName.parse(row.line)
+        if name.is_unlisted or name.is_mode or not (row.usable and row.steady):
+            continue
+        turn = own.phase - other.phase
+        if _lasts(own) and _lasts(other) and math.isfinite(turn):
+            unsure = math.hypot(
+                own.uncertainty / own.amplitude, other.uncertainty / other.amplitude
+            )
+            yield LineRatio(other.place, cmath.rect(own.amplitude / other.amplitude, turn), unsure)
 
 
 def misreads_amplitudes(a: Side, b: Side, rows: Sequence[Row]) -> bool:
@@ -555,8 +605,16 @@ def _of_motion(motion: Motion, name: str) -> Side:
         motion.scenario,
         duration=table.duration,
         observations=observations(table),
+        repeats=_repeats(motion.scenario),
     )
     return _unless_part_of_cycle(side, table)
+
+
+def _repeats(scenario: Scenario | None) -> float:
+    """Frequency [Hz] with which the drive's motion repeats; nan where it is not known."""
+    if scenario is None or not scenario.driving_frequency:
+        return math.nan
+    return scenario.driving_frequency / (scenario.driver.beats * scenario.driver.microsteps)
 
 
 def _unless_part_of_cycle(side: Side, table: LineTable) -> Side:
@@ -590,6 +648,8 @@ def _of_recording(source: Prepared, guide: Scenario | None, channel: str) -> Sid
         ),
         duration=table.duration,
         observations=observations(table),
+        chain_stated=recording.chain_stated,
+        repeats=_repeats(guide),
         as_recorded=observations(_unmarked(table)),
         channel=channel,
         channels={
@@ -664,7 +724,7 @@ def _figures(table: LineTable) -> dict[str, SideLine]:
         x.name: SideLine(
             x.frequency, x.amplitude, x.amplitude_uncertainty, x.bin_frequency, x.bin_amplitude,
             x.seen or not x.status, x.frequency_uncertainty, *_decay_with_uncertainty(x), not blurred(table, x),
-            x.status not in NOT_THE_DRIVES,
+            x.status not in NOT_THE_DRIVES, x.phase,
         )
         for x in table
     }  # fmt: skip

@@ -87,7 +87,11 @@ def judge_recording(
     judged = judge_channel(table, limit, channel if channel in COMPONENTS else "")
     beside = beside_scenario(source, channel, guide)
     curve = limit.loads.get(channel, limit.curve)
-    return replace(judged, gaps=(*judged.gaps, *misread_gaps(beside, curve)))
+    return replace(
+        judged,
+        gaps=(*judged.gaps, *misread_gaps(beside, curve)),
+        assumption=source.recording.chain_assumption,
+    )
 
 
 def beside_scenario(source: Prepared, channel: str, scenario: Scenario | None) -> Comparison | None:
@@ -103,8 +107,15 @@ def beside_scenario(source: Prepared, channel: str, scenario: Scenario | None) -
 
 
 def misread_gaps(found: Comparison | None, curve: LimitCurve | None) -> tuple[str, ...]:
-    """Why a recording, compared with a scenario, is not what a limit's ``curve`` is about: its lines are those
-    of the scenario in another unit, those of another axis, or all far smaller, everywhere or in the curve's
+    """Why a recording, compared with a scenario, is not what a limit's ``curve`` is about, as ``misread_in_band``
+    has it of the curve's band. Empty without a comparison.
+    """
+    return misread_in_band(found, None if curve is None else (curve.low, curve.high))
+
+
+def misread_in_band(found: Comparison | None, ends: tuple[float, float] | None) -> tuple[str, ...]:
+    """Why a recording, compared with a scenario, does not show its loads between two ``ends`` [Hz]: its lines are
+    those of the scenario in another unit, those of another axis, or all far smaller, everywhere or in the
     band. Empty without a comparison.
     """
     if found is None:
@@ -112,7 +123,7 @@ def misread_gaps(found: Comparison | None, curve: LimitCurve | None) -> tuple[st
     if misreads_amplitudes(*found):
         told = misread(*found)
     else:
-        told = () if curve is None else lacking_within(*found, curve.low, curve.high)
+        told = () if ends is None else lacking_within(*found, *ends)
     said = (sentence.rstrip(".?") for sentence in told)
     return tuple(f"the recording (A) beside the scenario (B): {one}" for one in said)
 

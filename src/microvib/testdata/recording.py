@@ -27,9 +27,10 @@ from microvib.testdata.channels import (
     plain_load,
     yaml_quoted,
 )
-from microvib.testdata.clipping import find_plateaus, run_lengths
+from microvib.testdata.clipping import find_plateaus
 from microvib.testdata.floors import raised_floors
 from microvib.testdata.force_table import LARGEST_BIAS, ForceTable, UnusableBand
+from microvib.testdata.gaps import gap_faults
 from microvib.text_tables import counted
 from microvib.units import Si, quantity
 
@@ -39,10 +40,6 @@ OUTLIER = (
 GLITCH_RATIO = (
     10.0  # bend at a sample, over the largest of 999 in a thousand, from which it may stand alone
 )
-STRAIGHT_RUN = 16  # second differences of nothing in a row, from which a gap was filled
-STRAIGHT_RISE = 1e-3  # part of the range by which its ends are apart
-ROUNDING, ROUNDED_BEND = 1e-6, 1e-3
-"""Second difference that is none: over the largest sample, to six digits, and over those of the rest."""
 SMALL_PART = (
     0.01  # part of a component, or lever arm [m], that brings no faults or resonances along
 )
@@ -82,6 +79,8 @@ class Recording:
         What is known of the force table: its resonances, its usable band and its channels' noise.
     lost : tuple of UnusableBand
         Frequencies at which reading or preparing leaves the loads uncertain, in all channels.
+    chain_stated : bool
+        Whether the preparation states the filters of the measuring chain, or that there are none.
 
     Raises
     ------
@@ -113,6 +112,8 @@ class Recording:
     """The force table that made it, where it is known."""
     lost: tuple[UnusableBand, ...] = ()
     """Frequencies at which reading or preparing leaves the loads uncertain, in all channels."""
+    chain_stated: bool = False
+    """Whether the preparation states the filters of the measuring chain, or that there are none."""
 
     def __post_init__(self) -> None:
         expect_mapping(self.channels, "channels", "{'Mz': samples}")
@@ -388,6 +389,16 @@ class Recording:
             Where one is missing, or is no force or torque.
         """
         return np.array([self.load(name) for name in COMPONENTS])
+
+    @property
+    def chain_assumption(self) -> str:
+        """Assumption of a verdict about the measuring chain, a sentence; empty where its filters are stated."""
+        if self.chain_stated:
+            return ""
+        return (
+            "Assumed: the measuring chain takes nothing of what is judged; state its filters, such as AC coupling, as"
+            " response in the preparation file (flat where there is none)."
+        )
 
     def looked_at(self, part: slice = slice(None)) -> Recording:
         """Keep in mind what is wrong with the samples, since filters and sums hide what was
@@ -708,38 +719,7 @@ def _in_samples(x: np.ndarray, rate: float, unit: str = "") -> Iterator[str]:
         yield f"is {x[k]:.4g} at {k / rate:.4g} s, {times}; a number in the file is broken"
     if plateaus := find_plateaus(x):
         yield f"is clipped: {' and '.join(one.in_words(unit) for one in plateaus)}"
-    dropped = int(np.max(run_lengths(np.diff(x) == 0.0), initial=0))
-    if dropped >= 8:
-        yield f"repeats one value for {dropped + 1} samples; samples were dropped and held"
-    if straight := _straight_samples(x):
-        part = f"{100.0 * straight / x.size:.2g} % of its samples"
-        yield f"is exactly straight over {part}; samples were dropped and interpolated"
-
-
-def _straight_samples(x: np.ndarray) -> int:
-    """Number of samples in straight lines, with which gaps were filled: without the noise and the curvature that
-    the rest has, and between values apart. What is at rest may be straight of itself, and what is straight
-    nearly everywhere, such as a triangle without noise.
-    """
-    bend = np.abs(np.diff(x, 2))
-    rounding = ROUNDING * float(np.max(np.abs(x)))
-    if bend.size < STRAIGHT_RUN or (usual := float(np.quantile(bend, 0.95))) <= rounding:
-        return 0
-    flags = np.concatenate([[False], bend <= min(rounding, ROUNDED_BEND * usual), [False]])
-    edges = np.diff(flags.astype(int))
-    first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) + 2
-    long = last - first > STRAIGHT_RUN + 1
-    pieces = [x[a:b] for a, b in zip(first[long].tolist(), last[long].tolist(), strict=True)]
-    least = STRAIGHT_RISE * float(np.ptp(x))
-    return sum(y.size for y in pieces if _is_straight(y, rounding, least))
-
-
-def _is_straight(y: np.ndarray, rounding: float, least: float) -> bool:
-    """Whether samples ``y`` (n,) follow the line between the first and the last but for ``rounding``, and these
-    are ``least`` apart or more.
-    """
-    chord = np.linspace(y[0], y[-1], y.size)
-    return bool(abs(y[-1] - y[0]) > least and np.max(np.abs(y - chord)) <= rounding)
+    yield from gap_faults(x, rate)
 
 
 def _find_glitches(x: np.ndarray, rate: float) -> str:

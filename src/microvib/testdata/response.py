@@ -142,7 +142,9 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
     RecordingError where a channel is not finite, or nothing can be corrected.
     """
     if all(stage.kind == "flat" for stage in chain):
-        return recording.noted("measuring chain declared to have a flat response")
+        return recording.noted(
+            "measuring chain declared to have a flat response", chain_stated=True
+        )
     n = recording.samples
     loads = {
         name: x for name, x in recording.channels.items() if recording.units.get(name) in LOADS
@@ -180,6 +182,7 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
         f" recorded{beyond}",
         channels=channels,
         lost=(*recording.lost, *lost),
+        chain_stated=any(stage.kind != "boxcar" for stage in chain),
     )
 
 

@@ -126,6 +126,7 @@ class Requirement(Part):
         if self.percentile is not None and self.statistic == "level":
             yield "percentile: goes with statistic rms or bound; a level of each case of a campaign is not computed"
         yield from self._errors_of_interpretation()
+        yield from self._keys_without_effect()
         if self.curve is not None:
             yield from self._errors_of_curve(self.curve)
 
@@ -136,6 +137,18 @@ class Requirement(Part):
             yield "percentile: is over a campaign's cases; interpretation: ensemble does not go with it"
         if self.interpretation is not None and self.curve is not None:
             yield "interpretation: does not go with curve, which limits each line"
+
+    def _keys_without_effect(self) -> Iterator[str]:
+        """Sentences on keys that were given and say nothing of the metric or statistic."""
+        given = self.model_fields_set
+        if "confidence" in given and self.curve is not None:
+            yield "confidence: does not go with curve, which limits amplitudes of lines (leave it out)"
+        elif "confidence" in given and self.statistic == "rms" and self.interpretation is None:
+            yield "confidence: goes with statistic level or bound, and statistic is rms (statistic: level)"
+        if "statistic" in given and self.curve is not None:
+            yield "statistic: does not go with curve, which limits amplitudes of lines (leave it out)"
+        if self.apart is not None and self.metric not in ("stability", "pde"):
+            yield f"apart: goes with metric stability or pde, and metric is {self.metric}"
 
     def _errors_of_curve(self, curve: tuple[CurvePoint, ...]) -> Iterator[str]:
         steps = [point.frequency for point in curve]

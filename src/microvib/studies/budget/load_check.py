@@ -5,6 +5,7 @@ is wrong, and nothing is judged.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from microvib.analysis.short_way import BlockedLines
 from microvib.model.coupling import blocked_load_method, rotation_to_hub_axes
 from microvib.model.rigid import COMPONENTS
+from microvib.signals.line_table import DETECTION_RATIO
 from microvib.studies.budget.figures import AXES, line_weights
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import (
@@ -20,6 +22,7 @@ from microvib.studies.budget.sources import (
     line_of_sight_by_load,
     open_gap,
 )
+from microvib.studies.chain_filter import LineRatio, find_filter
 
 _MAX_LOAD_RATIO = 4.0
 """Factor between a recording's loads and the scenario's own from which one of them is wrong;
@@ -28,6 +31,8 @@ _COUNTS = 0.1
 """Part of the line of sight's motion from which a component counts in it."""
 _UNLIKE_PART = 0.2
 """Part of a requirement's figure that lines of another size may make: 2 % of its value, since squares add."""
+_WELL, _OF_LARGEST = 3.0, 1e-3
+"""Times its floor from which a line of a component tells of filters, and part of the component's largest line."""
 _MOST_NAMED = 3
 _FACTORS = {
     1e-6: "a spurious factor of one millionth in unit or scale",
@@ -162,6 +167,43 @@ def compare_loads(recorded: Contribution, own: BlockedLines) -> ComparedLoads | 
         np.exp(1j * np.angle(loads)),
         np.nan_to_num(line_of_sight_by_load(scenario, f, turn)).transpose(1, 0, 2),
     )
+
+
+def with_filter_check(recorded: Contribution, own: BlockedLines) -> Contribution:
+    """Lines of a recording, of which nothing is known where a filter of the measuring chain takes a part of them: one
+    that amplitudes and phases of all lines beside the scenario's ``own`` tell, and that no preparation states.
+    """
+    scenario, loads = recorded.scenario, recorded.recorded
+    if not recorded.chain_assumption or scenario is None or loads is None:
+        return recorded
+    if not scenario.driving_frequency:
+        return recorded
+    driver = scenario.driver
+    repeats = scenario.driving_frequency / (driver.beats * driver.microsteps)
+    found = find_filter(tuple(_load_ratios(recorded, own)), repeats)
+    if found is None:
+        return recorded
+    why = (
+        f"the recording has the lines of the scenario's own run behind {found} (a response in the preparation file that"
+        " takes it out, or states that there is none)"
+    )
+    return replace(recorded, gaps=(*recorded.gaps, open_gap(why, *found.taken_from)))
+
+
+def _load_ratios(recorded: Contribution, own: BlockedLines) -> Iterator[LineRatio]:
+    """Recorded loads of each line and component over the scenario's own, of those that both show well."""
+    assert recorded.recorded is not None
+    assert recorded.scenario is not None
+    turn = rotation_to_hub_axes(recorded.scenario)
+    loads, floors = recorded.recorded
+    theirs = {name: own.loads[k] @ turn for k, name in enumerate(own.names)}
+    largest = np.max(np.abs(own.loads @ turn), axis=0, initial=0.0)
+    for name, f, mine, floor in zip(recorded.names, recorded.frequency, loads, floors, strict=True):
+        its = theirs.get(name, np.zeros(6))
+        shown = (np.abs(mine) > _WELL * floor) & (np.abs(its) > _WELL * floor)
+        for j in np.flatnonzero(shown & (np.abs(its) > _OF_LARGEST * largest)).tolist():
+            ratio = complex(mine[j] / its[j])
+            yield LineRatio(float(f), ratio, float(floor[j] / np.abs(mine[j])) / DETECTION_RATIO)
 
 
 def with_load_check(recorded: Contribution, loads: ComparedLoads | None) -> Contribution:

@@ -239,6 +239,8 @@ class Contribution:
     """Recorded loads of its lines on a fixed base, complex, and floors of their amplitudes, in the
     array's axes, (k, 6) [N, N m].
     """
+    chain_assumption: str = ""
+    """Assumption about the measuring chain of its recording, a sentence; empty where its filters are stated."""
     sought: SoughtLoads | None = None
     """Recorded loads of all lines that its status does not leave open, also of those that the floor hides."""
     alternatives: tuple[Contribution, ...] = ()
@@ -959,6 +961,7 @@ def contribution_of_recording(
         scenario=scenario,
         recording=recording.title or "without a title",
         recorded=(loads[kept], floors[kept]),
+        chain_assumption=recording.chain_assumption,
         sought=SoughtLoads(
             tuple(expected[k].name for k in np.flatnonzero(kept | faint)),
             f[kept | faint],

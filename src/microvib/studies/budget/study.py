@@ -57,6 +57,7 @@ from microvib.studies.budget.files import (
 from microvib.studies.budget.load_check import (
     ComparedLoads,
     compare_loads,
+    with_filter_check,
     with_load_check,
     with_phase_check,
 )
@@ -275,7 +276,8 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     ]
     if measured is not None:
         loads = compare_loads(measured, blocked)
-        of_recording = with_phase_check(with_method_error(measured, compared), loads)
+        checked = with_filter_check(measured, blocked)
+        of_recording = with_phase_check(with_method_error(checked, compared), loads)
         found[0] = with_load_check(of_recording, loads)
         found[0] = with_side_lines_of_recording(found[0], whole)
     if ensemble is not None:
