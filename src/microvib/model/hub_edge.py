@@ -15,6 +15,9 @@ from microvib.model.scenario import Scenario
 
 KNOWN_PART = 0.7
 """Part of the frequency of the first mode that is left out up to which responses are known."""
+CLOSE_PART, CLOSE_ERROR = 0.5, 0.025
+"""Part of that frequency from which responses are uncertain by the error, over their own amplitude
+(assumed: of a response in one direction; measured over the largest)."""
 LEAST_DAMPING = 1e-3
 """Damping ratio of modes that are left out at least (assumed)."""
 
@@ -34,6 +37,11 @@ class HubEdge:
     def frequency(self) -> float:
         """Frequency up to which the hub is known [Hz]."""
         return KNOWN_PART * self.left_out_from
+
+    @property
+    def close(self) -> float:
+        """Frequency from which it is known less well [Hz]."""
+        return CLOSE_PART * self.left_out_from
 
     @property
     def why(self) -> str:

@@ -1,4 +1,4 @@
-"""What sources make of a hub above the frequency up to which it is known."""
+"""Gaps of sources above the frequency up to which a hub is known."""
 
 from __future__ import annotations
 
