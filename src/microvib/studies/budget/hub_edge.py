@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from microvib.model.hub_edge import HubEdge
+from microvib.model.hub_edge import CLOSE_ERROR, HubEdge
 from microvib.studies.budget.sources import Contribution, Unobserved
 
 _BANDS_PER_OCTAVE = 3
@@ -17,14 +17,15 @@ _BANDS_PER_OCTAVE = 3
 
 
 def with_unknown_above(one: Contribution, edge: HubEdge | None) -> Contribution:
-    """A contribution of which lines above the ``edge`` may be as small as nothing."""
+    """A contribution of which lines above the ``edge`` may be as small as nothing, and those close
+    below are less certain.
+    """
     if edge is None or not len(one.frequency):
         return one
-    less, more = one.relative_errors
-    above = _above(one, edge)[:, None]
-    return replace(
-        one, relative_error=np.stack([np.where(above, np.maximum(less, 1.0), less), more])
-    )
+    close = np.where(one.frequency + one.off > edge.close, CLOSE_ERROR, 0.0)[:, None]
+    less, more = one.relative_errors + close
+    less = np.where(_above(one, edge)[:, None], np.maximum(less, 1.0), less)
+    return replace(one, relative_error=np.stack([less, more]))
 
 
 def hub_edge_gaps(one: Contribution) -> Iterator[Unobserved]:
