@@ -14,6 +14,7 @@ from microvib.io.scenario_file import load_scenario
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.coupling import receiver_of
 from microvib.model.rigid import rigid_motion_at
+from microvib.model.spacecraft import Hub
 from microvib.structures.hub import FreeModes, free_free_modes, hub_of
 from microvib.structures.modal import ModalError, ModalModel
 
@@ -112,6 +113,46 @@ def test_mass_and_shapes_come_out_of_any_mixture_of_rigid_modes() -> None:
         assert point.position == pytest.approx(place, abs=1e-12)
     assert [mode.frequency for mode in hub.modes] == [17.0]
     assert hub.modes[0].shapes[1] == pytest.approx(2.0 * BENDING)
+
+
+def _with_flexible(number: int) -> FreeModes:
+    """The hub with ``number`` flexible modes of random shapes."""
+    free, random = free_modes(), np.random.default_rng(7)
+    shapes = 1e-2 * random.normal(size=(2, 6, number))
+    return FreeModes(
+        np.append(free.frequency[:6], np.linspace(20.0, 400.0, number)),
+        np.full(6 + number, 0.003),
+        free.names,
+        free.positions,
+        np.concatenate([free.shapes[:, :, :6], shapes], axis=2),
+    )
+
+
+def _static_compliance(hub: Hub) -> np.ndarray:
+    shapes = np.array([np.ravel(mode.shapes) for mode in hub.modes])
+    stiffness = np.array([(2.0 * np.pi * mode.frequency) ** 2 for mode in hub.modes])
+    return shapes.T @ (shapes / stiffness[:, None])
+
+
+def test_modes_left_out_keep_their_static_compliance() -> None:
+    modes = _with_flexible(40)
+    whole_hub, cut = hub_of(modes), hub_of(modes, count=5)
+    assert [mode.frequency for mode in cut.modes[:5]] == pytest.approx(modes.frequency[6:11])
+    assert len(cut.modes) == 5 + 12
+    assert cut.left_out_from == pytest.approx(modes.frequency[11])
+    assert min(mode.frequency for mode in cut.modes[5:]) >= modes.frequency[11]
+    assert _static_compliance(cut) == pytest.approx(
+        _static_compliance(whole_hub), rel=1e-6, abs=1e-18
+    )
+    assert {round(mode.damping, 6) for mode in cut.modes[:5]} == {0.003}
+
+
+def test_few_modes_left_out_are_the_residual_modes_themselves() -> None:
+    modes = _with_flexible(9)
+    cut = hub_of(modes, count=3)
+    assert cut.left_out_from is None
+    assert [m.frequency for m in cut.modes] == pytest.approx(modes.frequency[6:], rel=1e-6)
+    assert [m.damping for m in cut.modes] == pytest.approx([0.003] * 9, rel=1e-6)
 
 
 def test_a_scenario_names_its_tables(file: Path, tmp_path: Path) -> None:

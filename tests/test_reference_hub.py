@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
+from scipy.sparse import csc_matrix
 
 import microvib as mv
 from microvib.errors import MicrovibError
@@ -13,9 +15,12 @@ from microvib.io.file_access import FileAccess
 from microvib.io.hub_sources import hub_from
 from microvib.io.named import catalog_text
 from microvib.io.yaml_text import parse_yaml
+from microvib.model.hub_edge import KNOWN_PART
 from microvib.model.rigid import tensor
 from microvib.model.sentences import validate_part
-from microvib.structures.fem.hub_mesh import free_modes
+from microvib.structures.fem.assembly import assemble
+from microvib.structures.fem.hub_mesh import free_modes, structure_of
+from microvib.structures.fem.modes import lowest_modes
 from microvib.structures.hub_design import HubDesign
 
 NAME = "reference-hub"
@@ -68,7 +73,9 @@ def test_mass_properties_are_those_of_the_parts():
         np.array(design.points[0].position) - center, abs=2e-3
     )
     assert [p.name for p in hub.points] == ["root", "wheels", "payload"]
-    assert len(hub.modes) == 4
+    residual = 6 * len(hub.points)
+    assert 4 < len(hub.modes) <= 4 + residual
+    assert hub.left_out_from == pytest.approx(free_modes(design, 5).frequency[10], rel=1e-9)
 
 
 def test_a_stiff_bench_on_a_stiff_box_in_closed_form():
@@ -119,10 +126,60 @@ def test_a_stiff_bench_on_a_stiff_box_in_closed_form():
     )  # inertia of the panels is lumped at nodes
 
 
+def _with_masses_at_root(frequency, shapes, mass):
+    """Frequencies [Hz] of free modes (s,) with a ``mass`` matrix (6, 6) added at a point, ``shapes`` (6, s)."""
+    squares = (2.0 * np.pi * frequency) ** 2
+    squares[:6] = 0.0
+    found = eigh(np.diag(squares), np.eye(squares.size) + shapes.T @ mass @ shapes)[0]
+    return np.sqrt(np.maximum(found[6:], 0.0)) / (2.0 * np.pi)
+
+
+def test_residual_modes_give_the_whole_mesh_with_an_array_on_it():
+    """The mesh with a heavy body at its root, solved as a whole, against few free modes of the mesh alone."""
+    design = described()
+    structure, points = structure_of(design)
+    system = assemble(structure, clamped=False)
+    root = 6 * points["root"] + np.arange(6)
+    at_root = system.T.tocsr()[root].T
+    mass = np.diag([36.0, 36.0, 36.0, 420.0, 12.0, 430.0])
+    on_root = at_root @ csc_matrix(mass) @ at_root.T
+    whole = lowest_modes(system.K, (system.M + on_root).tocsc(), 14)[0]
+    true = np.sqrt(whole[6:]) / (2.0 * np.pi)
+    modes = free_modes(design, 10)
+    cut = _with_masses_at_root(modes.frequency[:16].copy(), modes.shapes[0, :, :16], mass)
+    kept = _with_masses_at_root(modes.frequency.copy(), modes.shapes[0], mass)
+    assert kept[:8] == pytest.approx(true, rel=3e-5)
+    assert cut[0] > 2.0 * true[0]
+
+
+def _payload_rotations(hub, f, point):
+    """Rotations of the payload about x and y by unit loads at a point, (n, 2, 6)."""
+    shapes = np.array([mode.shapes for mode in hub.modes])
+    names = [one.name for one in hub.points]
+    own = np.array([mode.frequency for mode in hub.modes])
+    xi = np.array([mode.damping for mode in hub.modes])
+    stiff = 4.0 * np.pi**2 * (own**2 - f[:, None] ** 2 + 2j * xi * own * f[:, None])
+    payload, there = shapes[:, names.index("payload"), 3:5], shapes[:, names.index(point)]
+    return np.einsum("fs,sa,sb->fab", 1.0 / stiff, payload, there)
+
+
+def test_responses_are_known_up_to_the_edge():
+    """The hub with few modes against that with many, up to ``KNOWN_PART`` of the first that is left out."""
+    many, f = hub_from({"modes": NAME, "count": 150}), np.geomspace(5.0, 350.0, 3000)
+    for count in (10, 20, 30):
+        few = hub_from({"modes": NAME, "count": count})
+        inside = f <= KNOWN_PART * few.left_out_from
+        for point in ("root", "wheels"):
+            true = _payload_rotations(many, f[inside], point)
+            found = _payload_rotations(few, f[inside], point)
+            off = np.abs(found - true).max(axis=(1, 2)) / np.abs(true).max(axis=(1, 2))
+            assert off.max() < 0.025, (count, point)
+
+
 @pytest.mark.long
 def test_a_finer_mesh_changes_little():
     coarse, fine = (
-        free_modes(described(mesh=mesh), 8).frequency[6:] for mesh in ("100 mm", "50 mm")
+        free_modes(described(mesh=mesh), 8).frequency[6:14] for mesh in ("100 mm", "50 mm")
     )
     assert fine == pytest.approx(coarse, rel=0.06)
 

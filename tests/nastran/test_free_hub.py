@@ -248,14 +248,18 @@ def test_modes_with_the_interface_clamped(frame, write_op2, tmp_path):
         wanted = receptance_in(frame(free=True), [1001], f)
         size = np.sqrt(np.abs(np.diag(wanted)))
         assert np.abs(receptance_of(hub, ["root"], f) - wanted).max() < 2e-4 * size.max() ** 2
-    assert (
-        len(
-            hub_from(
-                {"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "count": 3},
-                FileAccess(tmp_path),
-            ).modes
-        )
-        == 3
+    cut = hub_from(
+        {"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "count": 3},
+        FileAccess(tmp_path),
+    )
+    assert len(cut.modes) == 3 + 6
+    assert [m.frequency for m in cut.modes[:3]] == pytest.approx(
+        [m.frequency for m in hub.modes[:3]]
+    )
+    assert cut.left_out_from == pytest.approx(hub.modes[3].frequency)
+    slow = 0.1 * hub.modes[0].frequency
+    assert receptance_of(cut, ["root"], slow) == pytest.approx(
+        receptance_of(hub, ["root"], slow), rel=1e-3, abs=1e-9
     )
 
 

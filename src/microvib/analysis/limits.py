@@ -59,6 +59,7 @@ from microvib.analysis.unseen import out_of_band_lines
 from microvib.analysis.usable import undecided_reason, unusable_gaps
 from microvib.errors import OptionError, expect
 from microvib.model.driver import motor_of_mean_spring
+from microvib.model.hub_edge import HubEdge, hub_edge
 from microvib.model.line_names import CONTROL_MODE, SECOND_DRIVE, LineName, of_second_wing
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
@@ -417,6 +418,9 @@ def _judge_table(
     margins = sorted(
         [*_line_margins(known, curve, table, scenario, states), *of_noise], key=lambda m: m.factor
     )
+    edge = hub_edge(scenario)
+    if edge is not None:
+        margins = [_unless_above_hub(m, edge) for m in margins]
     record = record_gap_of_table(table, scenario)
     gaps = [
         *([] if record is None else [record.why]),
@@ -429,6 +433,8 @@ def _judge_table(
         gaps += _above_passband(table, curve, scenario, states)
     else:
         gaps += _other_channel_gaps(table, curve, scenario)
+    if of_torque and edge is not None and scenario is not None:
+        gaps += _unseen_above_hub(table, curve, scenario, edge)
     why = failed_invariants_reason(table.broken, scenario) or unknown_error_reason(table, scenario)
     if why:
         gaps = [why, *gaps]
@@ -618,6 +624,30 @@ def _unless_overstated(one: Margin, record: RecordGap) -> Margin:
     if one.verdict == "fail" and one.factor * record.overstated >= 1.0:
         return _undecided(one, "smaller over a longer record, perhaps")
     return one
+
+
+def _unseen_above_hub(
+    table: LineTable, limit: LimitCurve, scenario: Scenario, edge: HubEdge
+) -> Iterator[str]:
+    """Gap of lines above the record's passband that may be above the limit by what the hub's model
+    lacks.
+    """
+    start = max(PASSBAND * table.sample_rate, limit.low)
+    if limit.high <= start:
+        return
+    unseen = out_of_band_lines(scenario, table, start, limit.high)
+    if any(np.any(one.above_hub(edge).may_exceed(limit)) for one in unseen):
+        yield edge.why
+
+
+def _unless_above_hub(one: Margin, edge: HubEdge) -> Margin:
+    """The margin of a line; of one where the hub's model has ended, not judged unless it is far within
+    the limit.
+    """
+    place, uncertainty = _frequency_with_bound(one.line)
+    if place + uncertainty <= edge.frequency or one.factor >= edge.factor:
+        return one
+    return _undecided(one, edge.why)
 
 
 def unknown_error_reason(table: LineTable, scenario: Scenario | None) -> str:

@@ -23,6 +23,7 @@ from microvib.model.commanded_torque import commanded_torque, spring_orders
 from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands, noise_density
 from microvib.model.expected import SIDEBANDS
+from microvib.model.hub_edge import HubEdge
 from microvib.model.linear import (
     coupled_modes,
     disturbance_torque_response,
@@ -104,6 +105,11 @@ class OutOfBandLines:
             low, high = np.minimum(low, self.up_to), np.maximum(high, self.up_to)
         about = CLOCK_UNCERTAINTY * self.frequency
         return np.asarray(limit.strictest(low - about, high + about))
+
+    def above_hub(self, edge: HubEdge) -> OutOfBandLines:
+        """Lines above the frequency up to which the hub is known, as large as they may be there."""
+        there = self.within(edge.frequency, math.inf)
+        return replace(there, most=edge.factor * there.most)
 
     def within(self, low: float, high: float) -> OutOfBandLines:
         """Lines between two frequencies [Hz], which are included."""

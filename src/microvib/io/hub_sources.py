@@ -52,7 +52,7 @@ def hub_from(group: dict[str, Any], files: FileAccess = NO_FILES) -> Hub:
     damping, count = _damping(group), _count(group)
     if source == "description":
         kept = DEFAULT_MODES if count is None else count
-        return hub_of(_described(name, files, kept), damping, count)
+        return hub_of(_described(name, files, kept), damping)
     if source == "clamped":
         return hub_of(_clamped(files.path(name, hub_names()), group), damping, count)
     read: Callable[[Path], FreeModes] = read_hub_table

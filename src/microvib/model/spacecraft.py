@@ -107,6 +107,18 @@ class Hub(Part):
     modes: tuple[HubMode, ...] = Field(
         default=(), max_length=2000, description="flexible modes; none make it rigid"
     )
+    left_out_from: (
+        Annotated[
+            float,
+            Quantity(
+                "Hz",
+                "natural frequency of the first flexible mode that is left out of modes, near which and above"
+                " budgets judge nothing",
+                gt=0,
+            ),
+        ]
+        | None
+    ) = None
 
     def _consistency_errors(self) -> Iterator[str]:
         misfit = inertia_error(tensor(self.inertia))

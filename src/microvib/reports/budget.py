@@ -15,6 +15,7 @@ from microvib.analysis.start import start_sentence
 from microvib.model.coupling import require_craft
 from microvib.model.rigid import tensor
 from microvib.reports import sheets
+from microvib.reports.craft import hub_sentence
 from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import brief_number, count_text
 from microvib.reports.outcome import Item, Outcome, Part, Picture
@@ -251,13 +252,14 @@ def _basis(budget: Budget) -> str:
             " their worst where they are asked for."
         )
     said = [f"Lines of one frequency in several sources add {_RULES[budget.rule]}."]
+    said += [hub_sentence(budget.scenario)]
     said += _recordings(budget)
     said += _ranges(budget)
     said += _spin(budget)
     if budget.requirements and budget.requirements.source:
         said += [f"Required by: {budget.requirements.source}."]
-    said += filter(None, [start_sentence(budget.scenario)])
-    return " ".join([*said, *budget.without_steady, angles])
+    said += [start_sentence(budget.scenario)]
+    return " ".join([*filter(None, said), *budget.without_steady, angles])
 
 
 def _recordings(budget: Budget) -> Iterator[str]:

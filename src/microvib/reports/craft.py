@@ -15,7 +15,8 @@ import numpy as np
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.start import steady_start_advice
 from microvib.model.array import Array
-from microvib.model.coupling import MIN_FREQUENCY_WITHOUT_CONTROL
+from microvib.model.coupling import MIN_FREQUENCY_WITHOUT_CONTROL, require_craft
+from microvib.model.hub_edge import KNOWN_PART, hub_edge
 from microvib.model.rigid import COMPONENTS, inertia_about_center, tensor
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, SECOND_INTERFACE, Interface, SecondWing, Spacecraft
@@ -108,6 +109,32 @@ def craft_words(craft: Spacecraft) -> str:
     else:
         wing = f"; second wing {_second_words(craft.second_wing)}"
     return f"hub of {craft.hub.mass:.5g} kg, {kind}; array at {math.degrees(craft.array_angle):.4g}°{wing}; {held}"
+
+
+def hub_sentence(scenario: Scenario) -> str:
+    """Sentence on the frequencies up to which the hub of a craft and its arrays are known."""
+    craft = require_craft(scenario).spacecraft
+    arrays = {"the array": scenario.array}
+    if craft.second_wing is not None and craft.second_wing.array is not None:
+        arrays["the second wing's array"] = craft.second_wing.array
+    known = "; ".join(
+        f"{name} by modes up to {max(mode.frequency for mode in array.modes):.4g} Hz, beyond which"
+        " it is rigid"
+        for name, array in arrays.items()
+        if array.modes
+    )
+    edge = hub_edge(scenario)
+    if edge is not None:
+        hub = (
+            f"The hub is known up to {edge.frequency:.4g} Hz, {KNOWN_PART:g} of the first mode that is left"
+            f" out, and a line above may be {edge.factor:.4g} times as large (assumed)"
+        )
+    elif craft.hub.modes:
+        last = max(mode.frequency for mode in craft.hub.modes)
+        hub = f"The hub is known by its modes up to {last:.4g} Hz, beyond which it is rigid"
+    else:
+        hub = "The hub is rigid"
+    return f"{'; '.join(filter(None, (hub, known)))}."
 
 
 _HOLDS = {"held": "held by its drive", "locked": "its shaft locked"}

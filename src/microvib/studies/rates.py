@@ -44,6 +44,7 @@ from microvib.errors import (
     whole_number,
 )
 from microvib.model.commanded_torque import commanded_torque
+from microvib.model.hub_edge import HubEdge, hub_edge
 from microvib.model.line_names import (
     SECOND_DRIVE,
     driving_line,
@@ -121,6 +122,7 @@ STEP_OF_LIMIT = (
     "not judged: a line stands where the limit changes, within what its frequency is known to"
 )
 OTHER_STATE = "not judged: a line may be above the limit, or below it, by the other wing"
+ABOVE_HUB = "not judged: a line is above the frequency up to which the hub is known"
 RECORD_GAP = "not judged: the record does not show all lines of tracking"
 BEYOND_LINEAR_MODEL = (
     "not judged: what the linearised drive leaves out may put lines above the limit (a plan of the"
@@ -206,6 +208,8 @@ class RateCase:
     """Lines of which nothing is seen, above ``shown``, with what they may have at most."""
     gap: RecordGap | None = None
     """Reason why its record does not show all lines of tracking."""
+    edge: HubEdge | None = None
+    """Where the model of the hub ends."""
     hinge: str = ""
     """States of the other wing's hinge, in which lines differ, and what to do; empty without one."""
 
@@ -252,6 +256,8 @@ class RateCase:
             return PART_OF_TIME if hidden.name == _IN_PIECES else HIDDEN_LINE
         if self.gap is not None:
             return RECORD_GAP
+        if self._may_exceed_above_hub(curve):
+            return ABOVE_HUB
         if why := self._above_in_some(curve):
             return why
         if not any(np.any(one.may_exceed(curve)) for one in self.unseen_in(band, curve)):
@@ -265,7 +271,25 @@ class RateCase:
         inside = _lines_within(self.lines, curve)
         lenient = curve.most_lenient(*_ranges(inside))
         least = np.array([line.least for line in inside], dtype=float)
+        least[self._above_hub(inside)] = 0.0
         return bool(np.any(least > overstated * lenient))
+
+    def _above_hub(self, lines: Sequence[RateLine]) -> np.ndarray:
+        """Which lines may be above the frequency up to which the hub is known, (k,)."""
+        top = math.inf if self.edge is None else self.edge.frequency
+        return np.asarray(_ranges(lines)[1] > top)
+
+    def _may_exceed_above_hub(self, curve: LimitCurve) -> bool:
+        """Whether a line there, seen or not, may be above a curve by what the hub's model lacks."""
+        if self.edge is None:
+            return False
+        inside = _lines_within((*self.lines, *self.hidden), curve)
+        most = self.edge.factor * np.array([line.most for line in inside], dtype=float)
+        if np.any(self._above_hub(inside) & (most > curve.strictest(*_ranges(inside)))):
+            return True
+        raised = (one.above_hub(self.edge) for one in self.unseen)
+        parts = (one.within(curve.low, curve.high) for one in raised)
+        return any(np.any(part.may_exceed(curve)) for part in parts if part.frequency.size)
 
     def _above_in_some(self, curve: LimitCurve) -> str:
         """Why a line is not certainly above a curve, and not below it either; empty without one."""
@@ -1088,6 +1112,7 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
         shown,
         tuple(out_of_band_lines(changed, result.lines, shown, math.inf)),
         gap,
+        hub_edge(changed),
     )
 
 
@@ -1238,7 +1263,16 @@ def _linear_case(changed: Scenario, rate: Si, microsteps: int) -> RateCase:
     )
     hidden = tuple(_noise_bounds(changed, None))
     gap = _linear_gap(spring_lost)
-    return RateCase(rate, microsteps, lines, hidden=hidden, shown=0.0, unseen=others, gap=gap)
+    return RateCase(
+        rate,
+        microsteps,
+        lines,
+        hidden=hidden,
+        shown=0.0,
+        unseen=others,
+        gap=gap,
+        edge=hub_edge(changed),
+    )
 
 
 def _spring_lost(changed: Scenario, lines: Sequence[LinearLine]) -> float:
@@ -1575,6 +1609,9 @@ def _with_remedy(why: str, cases: Sequence[RateCase]) -> str:
     """Verdict of cases in a row with its reason, as far as they have that."""
     if why == "failed":
         return cases[0].reason
+    if why == ABOVE_HUB:
+        edge = next(case.edge for case in cases if case.edge is not None)
+        return f"not judged: {edge.why}"
     if why == RECORD_GAP:
         slowest = next(case.gap for case in cases if case.gap is not None)
         return f"not judged: {slowest.why}"

@@ -8,28 +8,51 @@ import numpy as np
 
 from microvib.model.rigid import Position
 from microvib.structures.fem.array_mesh import check_size, laminate_of
-from microvib.structures.fem.assembly import assemble
+from microvib.structures.fem.assembly import System, assemble
 from microvib.structures.fem.checks import check_structure
-from microvib.structures.fem.modes import lowest_modes
+from microvib.structures.fem.modes import SHIFT, factorise, lowest_modes
 from microvib.structures.fem.structure import Link, Lump, Mesh, Spring, Structure, StructureError
-from microvib.structures.hub import FreeModes
+from microvib.structures.hub import FreeModes, residual_modes, residual_weights
 from microvib.structures.hub_design import BENCH_POINT, Bench, Bus, HubDesign
 from microvib.structures.modal import natural_frequency
 
 
 def free_modes(design: HubDesign, count: int) -> FreeModes:
-    """The six rigid modes and the lowest ``count`` flexible ones at the named points;
-    StructureError where it cannot be meshed.
+    """The six rigid modes, the lowest ``count`` flexible ones and residual modes, which have the
+    static compliance of all others, at the named points; StructureError where it cannot be meshed.
     """
     structure, points = structure_of(design)
     check_structure(structure)
     system = assemble(structure, clamped=False)
-    values, vectors = lowest_modes(system.K, system.M, 6 + count)
+    values, vectors = lowest_modes(system.K, system.M, 7 + count)
     frequency, at = natural_frequency(values), list(points.values())
-    shapes = np.asarray(system.T @ vectors).reshape(-1, 6, 6 + count)[at]
-    xi = np.zeros(6 + count)
-    xi[6:] = design.damping.of(frequency[6:])
-    return FreeModes(frequency, xi, tuple(points), structure.xyz[at], shapes)
+    rows = (6 * np.array(at)[:, None] + np.arange(6)).ravel()
+    positions = structure.xyz[at]
+    squares, residual = _residual(system, rows, vectors[:, :-1], positions)
+    kept = np.append(frequency[:-1], natural_frequency(squares))
+    shapes = np.asarray(system.T.tocsr()[rows] @ np.hstack([vectors[:, :-1], residual]))
+    xi = np.zeros(kept.size)
+    xi[6:] = design.damping.of(kept[6:])
+    at_points = shapes.reshape(len(at), 6, kept.size)
+    return FreeModes(
+        kept, xi, tuple(points), positions, at_points, left_out_from=float(frequency[-1])
+    )
+
+
+def _residual(
+    system: System, rows: np.ndarray, kept: np.ndarray, positions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residual modes beside those that are ``kept``, (m, s), by unit loads in ``rows`` of all degrees
+    of freedom: squares of angular frequency and vectors (``residual_modes``).
+    """
+    loads = system.T.tocsr()[rows].T.toarray()
+    # Without what acts on the modes that are kept, the rigid ones among them, the loads are in
+    # equilibrium, and a shift far below the first mode that is left out changes nothing.
+    loads = loads - system.M @ (kept @ (kept.T @ loads))
+    responses = factorise(system.K + SHIFT**2 * system.M)(loads)
+    responses -= kept @ (kept.T @ (system.M @ responses))
+    weights = residual_weights(loads.T @ responses, positions)
+    return residual_modes(responses @ weights, system.M)
 
 
 def structure_of(design: HubDesign) -> tuple[Structure, dict[str, int]]:

@@ -712,6 +712,11 @@ class OtherSource(Part):
         return self.constant or self.random or self.drift
 
     @property
+    def has_place(self) -> bool:
+        """Whether its loads act at a place on the hub."""
+        return self.point is not None or self.position is not None
+
+    @property
     def tables(self) -> dict[str, str]:
         """Names of the tables that it takes, by the keys that name them."""
         named = {

@@ -54,6 +54,7 @@ from microvib.model.drive_states import (
 from microvib.model.driven import noise_bands
 from microvib.model.driven import noise_density as density_of_friction
 from microvib.model.expected import ExpectedLine, is_made
+from microvib.model.hub_edge import HubEdge
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
@@ -219,6 +220,8 @@ class Contribution:
     spins: bool = False
     """Whether it is a wheel, whose spin momentum is not in the craft."""
     scenario: Scenario | None = None
+    edge: HubEdge | None = None
+    """Where the model of the hub ends that it acts on."""
     torque_spreads: Mapping[str, float] = field(default_factory=dict)
     """How far the drive's torque moves in each of its lines, by name, within the ranges that its sources
     note, to first order and over the line (``microvib.analysis.spread``); nan where that is not

@@ -26,6 +26,7 @@ from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.model.coupling import require_craft, source_of
 from microvib.model.drive_states import MAY_STICK, SLIDES, Sticking
+from microvib.model.hub_edge import hub_edge
 from microvib.model.line_names import SECOND_DRIVE, is_unlisted
 from microvib.model.parametric import modes_fed_by_both_drives
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
@@ -290,7 +291,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     of_craft = (*_unobserved_axes(first.scenario), *_fed_by_both_drives(whole))
     found[0] = replace(found[0], gaps=(*found[0].gaps, *of_craft))
     found, without = _with_lacking(found, drives)
-    found += beside
+    found = [*(replace(one, edge=hub_edge(first.scenario)) for one in found), *beside]
     return Budget(
         first.scenario,
         required,
@@ -570,7 +571,11 @@ def _other_contributions(
 ) -> list[Contribution]:
     """Contributions of other sources to the line of sight of a ``scenario``."""
     listed, tables = read_sources(sources, files)
-    return [contribution_of_other(source, scenario, tables, sticking) for source in listed]
+    each = (
+        (source, contribution_of_other(source, scenario, tables, sticking)) for source in listed
+    )
+    edge = hub_edge(scenario)
+    return [replace(one, edge=edge) if source.has_place else one for source, one in each]
 
 
 def _sticking(

@@ -40,6 +40,7 @@ from microvib.studies.budget.figures import (
     metric_bounds,
 )
 from microvib.studies.budget.files import Requirement
+from microvib.studies.budget.hub_edge import hub_edge_gaps, with_unknown_above
 from microvib.studies.budget.side_lines import anywhere_together, reasons_together
 from microvib.studies.budget.sources import Contribution, Unobserved, open_gap
 from microvib.studies.campaign.statistics import Estimate, draws_needed, quantile
@@ -316,7 +317,9 @@ def assess(
     """A requirement against the sum of all sources."""
     if requirement.incomplete:
         return _incomplete(requirement)
-    chosen = [worst_alternative(requirement, one) for one in contributions]
+    chosen = [
+        with_unknown_above(worst_alternative(requirement, one), one.edge) for one in contributions
+    ]
     if requirement.curve is not None:
         return _assess_by_curve(requirement, chosen, contributions, rule)
     tones = combine_lines(chosen, rule)
@@ -681,6 +684,7 @@ def _with_gaps(
     for k, (one, source) in enumerate(zip(chosen, contributions, strict=True)):
         gaps = (
             *one.gaps,
+            *hub_edge_gaps(source),
             *side_line_gaps(r, one),
             *map(open_gap, reasons_against(r, one.errors, of_all)),
             *crossing_bounds(r, source, contributions),

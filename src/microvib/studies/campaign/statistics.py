@@ -13,6 +13,7 @@ import numpy as np
 
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, GROWTH_FACTOR, frequency_error_bound
 from microvib.analysis.start import VARIATION_FACTOR
+from microvib.model.hub_edge import hub_edge
 from microvib.model.line_names import LineName, is_sideband, is_unlisted
 from microvib.model.record import PASSBAND
 from microvib.signals.fourier_lines import TRANSIENT
@@ -479,6 +480,9 @@ def line_verdicts(
     verdict[(verdict == ABOVE) & of_part & (amplitude <= VARIATION_FACTOR * lenient)] = UNKNOWN
     if results.campaign.design.base.other_wing is not None:
         verdict[_is_open_to_other_wing(results, verdict, curve)] = UNKNOWN
+    if (edge := hub_edge(results.campaign.design.base)) is not None:
+        may_exceed = (high > edge.frequency) & (edge.factor * amplitude > strict)
+        verdict[(verdict != ABSENT) & may_exceed] = UNKNOWN
     verdict[(verdict == UNKNOWN) & (whole == BELOW)] = BELOW
     return verdict
 
