@@ -25,6 +25,8 @@ from microvib.studies.campaign.design import read_design
 from microvib.studies.campaign.folder import create
 from microvib.studies.campaign.results import merge, open_results
 from microvib.studies.campaign.statistics import ABOVE, UNKNOWN, case_verdicts, line_verdicts
+from microvib.studies.profiles.plan import Run, plan_profile
+from microvib.studies.profiles.runs import Case, Ringing
 from microvib.studies.rates import OTHER_STATE, RECORD_GAP, full_case, linear_case, plan_rates
 from microvib.units import Si
 
@@ -374,3 +376,18 @@ def test_a_load_of_drives_with_clocks_of_their_own_passes_by_no_phase_of_theirs(
     assert worst.verdict == "fail"
     [margin] = [m for m in worst.margins if m.line.name == "full_step_1"]
     assert 1e-3 * float(told[1]) == pytest.approx(margin.line.amplitude, rel=0.01)
+
+
+def test_a_profile_of_rate_passes_in_no_state_of_the_hinge_alone() -> None:
+    """What rings may be a mode of the locked hinge, which no run of the plan has."""
+    manoeuvre = {"limit": "100 mN*m", "frequency_uncertainty": 0.02, "runs": False}
+    held, locked = (
+        plan_profile(craft(math.radians(0.3), **changes), **manoeuvre)
+        for changes in ({}, {"spacecraft.second_wing.drive": "locked"})
+    )
+    assert all("second wing's hinge" in shape.unknown for shape in held.shapes)
+    assert not any(shape.unknown for shape in locked.shapes)
+    kept = Run("step", Case(locked.scenario, ()), "mode", Ringing(0.01, 0.0, 0.01, "ok"), 0.1, 1.0)
+    passing = replace(locked.shapes[0], residuals=(), runs=(kept,), searched=True)
+    assert passing.verdict == "pass"
+    assert replace(passing, unknown=held.shapes[0].unknown).verdict == "not judged"

@@ -27,6 +27,7 @@ from microvib.model.parametric import (
 )
 from microvib.model.scenario import Scenario
 from microvib.model.turning import turning_drive
+from microvib.studies.quiet.measure import measure_lines
 
 SOFT = {
     "motor": {
@@ -202,6 +203,7 @@ def test_friction_over_the_angle_at_half_the_sum_of_two_modes_may_keep_both_ring
     judged = judge(mv.find_lines(mv.simulate(drive)), limit_of(10.0, 1.0, 6.0), drive)
     assert judged.verdict == "not judged"
     assert "parametric resonance that may grow" in str(judged)
+    assert "may grow" in measure_lines(drive).problem
     beside = drive.with_({"tracking.rate": "0.68 deg/s"})
     assert not any(one.may_grow for one in growth_over_angle(beside))
 

@@ -481,6 +481,18 @@ def _not_lasting_reason(scenario: Scenario) -> str:
     return f"{what} (record.settle >= {longer} s{steady_start_advice(scenario)})"
 
 
+def unseen_growth_reason(scenario: Scenario) -> str:
+    """Why no run in time, however long, tells what lasts: both drives of a craft feed a mode together, or
+    something does about as fast as it decays. Empty where it does.
+    """
+    if fed := modes_fed_by_both_drives(scenario):
+        return both_drives_reason(fed)
+    for one in growth_over_angle(scenario):
+        if one.may_grow and one.growth == 0.0:
+            return _perhaps_growing_reason(one, scenario)
+    return ""
+
+
 def _perhaps_growing_reason(fed: GrowthOverAngle, scenario: Scenario) -> str:
     """Why a run in time, of whatever length, does not tell whether modes last that something feeds."""
     return (

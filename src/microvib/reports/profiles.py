@@ -327,6 +327,8 @@ def _sentences(plan: ProfilePlan) -> Iterator[str]:
     yield from _beside_the_verdict(shape)
     if plan.curve is not None:
         yield _by_curve_text(plan)
+    for why in dict.fromkeys(one.unknown for one in plan.shapes if one.unknown):
+        yield f"Not judged: {why}."
     for name in plan.too_long:
         yield f"{name}: too long at every length that keeps the limit."
 

@@ -13,6 +13,7 @@ import numpy as np
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, rate_step_response
+from microvib.model.other_hinge import other_hinge
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.winding_up import wind_up
 from microvib.signals.limit_curve import EVERYWHERE, Limit, LimitCurve
@@ -58,6 +59,10 @@ RINGS_OFF = 0.01
 looked up."""
 MAX_MODES = 8
 """Modes that a profile is shaped for, at most."""
+
+
+_RAISED = 1.05
+"""Times that another state of a second wing's hinge may raise what rings, and is left out."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +135,8 @@ class Shape:
     """Whether the runs are those of a search for the worst drive."""
     between: float = 0.0
     """How much more than in the runs that count a mode may ring with between them, over its limit."""
+    unknown: str = ""
+    """Why runs do not tell what rings, a clause; empty where they do."""
 
     @property
     def duration(self) -> float:
@@ -178,7 +185,7 @@ class Shape:
             return "fail"
         if not each or "not judged" in each or self.linear_over_limit > 1.0:
             return "not judged"
-        if not self.searched or self.over_limit + self.between > 1.0:
+        if not self.searched or self.unknown or self.over_limit + self.between > 1.0:
             return "not judged"
         return "pass"
 
@@ -407,11 +414,12 @@ def plan_profile(  # noqa: PLR0913 - keyword options
     )
     with parallel_calls(progress, workers) as calls:
         shapes, too_long = study.shapes(calls if runs else None)
+    unknown = _unknown_hinge(scenario, study.modes[0])
     return ProfilePlan(
         scenario,
         manoeuvre,
         study.modes[0],
-        shapes,
+        tuple(replace(shape, unknown=unknown) for shape in shapes),
         None if curve is None else curve.least,
         study.attenuation,
         study.frequency_uncertainty,
@@ -422,6 +430,24 @@ def plan_profile(  # noqa: PLR0913 - keyword options
         None if curve is None or _is_one_number(curve) else curve,
         study.not_limited,
     )
+
+
+def _unknown_hinge(scenario: Scenario, modes: Sequence[UncertainMode]) -> str:
+    """Why the state of a second wing's hinge, which dry friction may lock, leaves open what rings; empty where
+    it changes none of the ``modes``, and adds none.
+    """
+    hinge = other_hinge(scenario)
+    if hinge is None or not modes:
+        return ""
+    f, spread = (
+        np.array([getattr(mode, key) for mode in modes]) for key in ("frequency", "spread")
+    )
+    low, high = f * (1.0 - spread), f * (1.0 + spread)
+    other = hinge.modes(coupled_modes(scenario), _RAISED)
+    moved = any(mode.frequency <= high.max() for mode in other)
+    if not moved and hinge.ratios(low, high)[1].max() <= _RAISED:
+        return ""
+    return hinge.gap
 
 
 def _limit_over_frequency(given: GivenQuantity | Limit | None) -> LimitCurve | None:
