@@ -1989,6 +1989,20 @@ def test_lines_of_which_a_high_pass_took_a_part_are_not_judged(on_table, corner,
     assert any("behind a high-pass (AC coupling) of order 1" in why for why in low.why)
 
 
+@pytest.mark.parametrize("corner", [26.0, 30.0])
+def test_lines_of_which_a_low_pass_in_one_channel_took_a_part_are_not_judged(
+    on_table, corner
+) -> None:
+    """A third of drive_1 in Mx alone was left, and passed; whatever the corner is among those looked at."""
+    scenario, loads = on_table
+    b, a = butter(2, corner, fs=1024.0)
+    found = _budget_of_table(scenario, {**loads, "Mx": lfilter(b, a, loads["Mx"])})
+    upper = [one for one in found if one.requirement.lowest == 30.0]
+    assert [one.verdict for one in upper] == ["not judged"] * 2
+    assert all("Mx of the recording has the lines" in str(one.why) for one in upper)
+    assert all(one.verdict == "pass" for one in found if one.requirement.highest == 12.0)
+
+
 @pytest.mark.parametrize("factor", [0.4, 1.0, 2.5])
 def test_lines_of_a_slightly_different_drive_are_judged(on_table, factor) -> None:
     found = _judged_by_table(on_table, lambda x: _times_above(x, factor))

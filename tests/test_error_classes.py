@@ -551,3 +551,13 @@ def test_a_drift_that_ends_within_a_window_is_not_judged(metric: str) -> None:
     assert short.verdict == "not judged"
     assert any("ends within the 100 s" in why for why in short.why)
     assert long.verdict == "pass"
+
+
+@pytest.mark.parametrize("metric", ["ape", "mpe"])
+def test_the_bound_of_an_opposing_drift_is_at_its_begin_or_its_end(metric: str) -> None:
+    """A constant of 0.1 falls to between 0.09 and -0.07: the spread at the end was added at the begin."""
+    drift = {"x": -9e-5, "y": 0.0, "duration": 1e3, "distribution": "uniform", "spread_x": 8e-5}
+    asked = {"metric": metric, "statistic": "bound"} | ({"window": 1.0} if metric == "mpe" else {})
+    sources = constant("a", x=0.1, y=0.0), given("b", drift={**drift, "spread_y": 0.0})
+    found = judged(asked, *sources)
+    assert (found.least, found.value, found.most) == pytest.approx([0.1] * 3)

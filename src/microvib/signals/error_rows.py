@@ -9,6 +9,7 @@ sizes are given in rows, as those of lines (``pointing.windowed_amplitudes``).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -132,19 +133,18 @@ class ErrorRows:
     def crest(self, noise: np.ndarray | float = 0.0, sigmas: float = SIGMAS) -> np.ndarray:
         """The most that they make together with noise of mean squares [rad^2], of all rows or of each
         (n,), (n,) [rad]: all at their largest, and so many standard deviations of what is normal.
+
+        That is where each ramp begins or ends, whichever is more.
         """
-        normal = sum((x.variance for x in self.deviations if x.kind == "normal"), np.zeros(1))
-        others = sum((x.size for x in self.deviations if x.kind != "normal"), np.zeros(1))
-        loose, low, high = others, self.mean, self.mean
-        for ramp in self.ramps:
-            low, high = low + min(ramp.mean, 0.0), high + max(ramp.mean, 0.0)
-            for one in ramp.deviations:
-                if one.kind == "normal":
-                    normal = normal + one.variance
-                else:
-                    loose = loose + one.size
-        largest = np.maximum(np.abs(low), np.abs(high))
-        return np.asarray(largest + loose + sigmas * np.sqrt(normal + noise))
+        found = []
+        for ended in product((False, True), repeat=len(self.ramps)):
+            ramps = [ramp for ramp, has in zip(self.ramps, ended, strict=True) if has]
+            mean = self.mean + sum(ramp.mean for ramp in ramps)
+            spreads = [*self.deviations, *(x for ramp in ramps for x in ramp.deviations)]
+            normal = sum((x.variance for x in spreads if x.kind == "normal"), np.zeros(1))
+            others = sum((x.size for x in spreads if x.kind != "normal"), np.zeros(1))
+            found.append(np.abs(mean) + others + sigmas * np.sqrt(normal + noise))
+        return np.asarray(np.max(np.broadcast_arrays(*found), axis=0))
 
     def transform(self, at: np.ndarray) -> np.ndarray:
         """Characteristic function at ``at`` (m,) [1/rad], evenly spaced from their spacing up, (n,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -34,6 +34,8 @@ _LEAST_PASSED = 2
 """Lines that a filter must pass: without any it is a slope, and the gain in common is not known."""
 _ORDERS = (1, 2, 4, 8)
 _CORNERS_PER_OCTAVE = 6
+_REFINED_OCTAVES = (1.0 / 24.0, 1.0 / 96.0)
+"""Steps between corners beside the best of each kind, one after the other."""
 _BEYOND = 8.0
 """Times the lines' range of frequencies on either side of which corners are looked for."""
 _SHIFTS_PER_CYCLE, _REFINED = 12, 2
@@ -117,10 +119,17 @@ def find_filter(lines: tuple[LineRatio, ...], slowest: float) -> ChainFilter | N
     before = fit.distance(np.ones(fit.frequency.size, dtype=complex))
     if np.count_nonzero(before > 1.0) < _LEAST_EXPLAINED:
         return None
-    candidates = list(_candidates(fit.frequency))
-    responses = np.array([one.response(fit.frequency) for one in candidates])
-    best = int(np.argmin(fit.square_sums(responses)))
-    return candidates[best] if fit.tells(responses[best]) else None
+    candidates = fit.best_of_kinds(list(_candidates(fit.frequency)))
+    for octaves in _REFINED_OCTAVES:
+        candidates = fit.best_of_kinds([x for one in candidates for x in _beside(one, octaves)])
+    best = candidates[0]
+    return best if fit.tells(best.response(fit.frequency)) else None
+
+
+def _beside(one: ChainFilter, octaves: float) -> Iterator[ChainFilter]:
+    """A filter, and those of corners beside it."""
+    for steps in (-2, -1, 0, 1, 2):
+        yield replace(one, corner=one.corner * 2.0 ** (steps * octaves))
 
 
 def _candidates(frequency: np.ndarray) -> Iterator[ChainFilter]:
@@ -177,6 +186,16 @@ class _Fit:
             and count(worse) <= (1.0 - _EXPLAINED) * count(explained)
             and count((after > 1.0) & ~taken) <= _OTHERS_OFF * count(~taken)
         )
+
+    def best_of_kinds(self, candidates: Sequence[ChainFilter]) -> list[ChainFilter]:
+        """The filter of each kind and order with the least misfit, the best first."""
+        responses = np.array([one.response(self.frequency) for one in candidates])
+        misfits = self.square_sums(responses)
+        best: dict[tuple[str, int, bool], int] = {}
+        for k in np.argsort(misfits, kind="stable").tolist():
+            one = candidates[k]
+            best.setdefault((one.passes, one.order, one.zero_phase), k)
+        return [candidates[k] for k in best.values()]
 
     def square_sums(self, responses: np.ndarray) -> np.ndarray:
         """Misfit of each of ``responses`` (m, k): sum of squares of what lines are off, each up to a few

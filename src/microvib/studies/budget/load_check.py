@@ -18,11 +18,12 @@ from microvib.studies.budget.figures import AXES, line_weights
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import (
     Contribution,
+    Unobserved,
     both_errors,
     line_of_sight_by_load,
     open_gap,
 )
-from microvib.studies.chain_filter import LineRatio, find_filter
+from microvib.studies.chain_filter import ChainFilter, LineRatio, find_filter
 
 _MAX_LOAD_RATIO = 4.0
 """Factor between a recording's loads and the scenario's own from which one of them is wrong;
@@ -180,18 +181,29 @@ def with_filter_check(recorded: Contribution, own: BlockedLines) -> Contribution
         return recorded
     driver = scenario.driver
     repeats = scenario.driving_frequency / (driver.beats * driver.microsteps)
-    found = find_filter(tuple(_load_ratios(recorded, own)), repeats)
-    if found is None:
-        return recorded
+    ratios = list(_load_ratios(recorded, own))
+    found = find_filter(tuple(ratio for _, ratio in ratios), repeats)
+    if found is not None:
+        return replace(recorded, gaps=(*recorded.gaps, _behind_filter(found)))
+    gaps = []
+    for number, name in enumerate(COMPONENTS):
+        of_channel = tuple(ratio for component, ratio in ratios if component == number)
+        if of_channel and (found := find_filter(of_channel, repeats)) is not None:
+            gaps.append(_behind_filter(found, f"{name} of "))
+    return replace(recorded, gaps=(*recorded.gaps, *gaps))
+
+
+def _behind_filter(found: ChainFilter, channel: str = "") -> Unobserved:
+    """The gap of lines of all channels, or of one, that a filter takes a part of."""
     why = (
-        f"the recording has the lines of the scenario's own run behind {found} (a response in the preparation file that"
-        " takes it out, or states that there is none)"
+        f"{channel}the recording has the lines of the scenario's own run behind {found} (a response in the preparation"
+        " file that takes it out, or states that there is none)"
     )
-    return replace(recorded, gaps=(*recorded.gaps, open_gap(why, *found.taken_from)))
+    return open_gap(why, *found.taken_from)
 
 
-def _load_ratios(recorded: Contribution, own: BlockedLines) -> Iterator[LineRatio]:
-    """Recorded loads of each line and component over the scenario's own, of those that both show well."""
+def _load_ratios(recorded: Contribution, own: BlockedLines) -> Iterator[tuple[int, LineRatio]]:
+    """Number of a component, and its recorded lines over the scenario's own, of those that both show well."""
     assert recorded.recorded is not None
     assert recorded.scenario is not None
     turn = rotation_to_hub_axes(recorded.scenario)
@@ -203,7 +215,8 @@ def _load_ratios(recorded: Contribution, own: BlockedLines) -> Iterator[LineRati
         shown = (np.abs(mine) > _WELL * floor) & (np.abs(its) > _WELL * floor)
         for j in np.flatnonzero(shown & (np.abs(its) > _OF_LARGEST * largest)).tolist():
             ratio = complex(mine[j] / its[j])
-            yield LineRatio(float(f), ratio, float(floor[j] / np.abs(mine[j])) / DETECTION_RATIO)
+            off = float(floor[j] / np.abs(mine[j])) / DETECTION_RATIO
+            yield j, LineRatio(float(f), ratio, off)
 
 
 def with_load_check(recorded: Contribution, loads: ComparedLoads | None) -> Contribution:
