@@ -13,9 +13,9 @@ import microvib as mv
 from microvib.analysis.run import RunResult
 from microvib.io.file_access import FileAccess
 from microvib.reports.budget import budget_outcome
-from microvib.reports.outcome import text_files
+from microvib.reports.outcome import terminal_text, text_files
 from microvib.reports.run.folder import run_texts
-from microvib.studies.budget.files import OtherSource, Requirement
+from microvib.studies.budget.files import OtherSource, Requirement, Requirements
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.study import Budget
@@ -151,3 +151,34 @@ def test_a_marked_table_of_others_is_not_judged_and_an_unmarked_one_is(
     )
     assert found.least == pytest.approx(1e-6 / np.sqrt(2.0))  # of the row that leaves out nothing
     assert judged(marked, limit="0.1 urad").verdict == "fail"
+
+
+def test_what_curves_and_densities_say_nothing_of_stands_beside_the_verdict(
+    tmp_path: Path, scenario: mv.Scenario
+) -> None:
+    (tmp_path / "d.csv").write_text(
+        "frequency_hz,los_x_rad2_hz,los_y_rad2_hz\n20,1e-16,1e-16\n90,1e-16,1e-16\n"
+    )
+    density = other(tmp_path, scenario, name="hiss", density="d.csv")
+    noise = other(
+        tmp_path, scenario, name="sensor", random={"spread_x": "1 urad", "spread_y": "1 urad"}
+    )
+    points = [{"frequency": f"{f} Hz", "amplitude": "1 urad"} for f in (1, 500)]
+    sources = (density, noise)
+
+    def said(*asked: dict[str, object]) -> str:
+        required = Requirements(requirements=list(asked))
+        tones = combine_lines(sources, "rss", with_errors=False)
+        budget = Budget(scenario, required, "rss", sources, tones, (), ())
+        return terminal_text(budget_outcome(budget))
+
+    curve = said({"axis": "x", "curve": points})
+    assert "Curves limit nothing below 1 Hz and above 500 Hz" in curve
+    assert "no densities and errors without lines: those of hiss, sensor." in curve
+    band = said({"limit": "1 mrad", "lowest": "5 Hz", "highest": "80 Hz"})
+    assert (
+        "The density of hiss is given from 20 Hz to 90 Hz, and nothing of it counts outside."
+        in band
+    )
+    inside = said({"limit": "1 mrad", "lowest": "25 Hz", "highest": "80 Hz"})
+    assert "density of hiss is given" not in inside

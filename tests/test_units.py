@@ -261,3 +261,20 @@ def test_nought_is_taken_in_a_scenario(state_1):
     assert (
         state_1.with_(**{"friction.coulomb": 0, "friction.breakaway": "0"}).friction.coulomb == 0.0
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("3000 1/min", "rad/s"),
+        ("3000 min^-1", "rad/s"),
+        ("50 1/s", "rad/s"),
+        ("2 s^-2", "rad/s^2"),
+        ("1e-8 N*min^2", "N*s^2/rad^2"),
+    ],
+)
+def test_a_speed_says_whether_turns_or_radians_are_counted(text: str, unit: str) -> None:
+    """A wheel of 3000 turns a minute was taken for one of 3000 radians, and passed."""
+    with pytest.raises(ValueError, match="leaves open whether turns or radians are counted"):
+        convert(text, unit)
+    assert convert("1e-8 N*s^2", "N*s^2/rad^2") == 1e-8

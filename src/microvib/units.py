@@ -130,6 +130,7 @@ _COMMON: dict[str, dict[str, float]] = {
 """Factors of common units, by the declared one, to the last bit as pint's: pint takes longer to
 start than a run to simulate. Their reciprocals are the factors of the way back. Whatever is not
 listed is asked of pint."""
+_RATES = ("rad/s", "rad/s^2")
 _HERTZ = re.compile(r"\b[kMGmu]?(Hz|hertz)\b")
 
 
@@ -253,7 +254,7 @@ def _angles(unit: Any) -> float:
 
 def _check_angles(given: float, wanted: float, unit: str, plain: str) -> None:
     """ValueError where an angle is given for a number, or cycles or a percentage for an angle; left
-    out, an angle is in radians.
+    out, an angle is in radians, but in an angular rate and beside minutes, where turns may be meant.
     """
     hertz = _HERTZ.search(plain) is not None
     if wanted and "percent" in plain:
@@ -263,6 +264,10 @@ def _check_angles(given: float, wanted: float, unit: str, plain: str) -> None:
     if "Hz" not in unit and wanted and hertz:
         raise ValueError(
             f"mixes cycles and angles: an angle or angular rate is expected here, in {unit}"
+        )
+    if wanted and not given and (unit in _RATES or re.search(r"\bmin\b", plain)):
+        raise ValueError(
+            f"leaves open whether turns or radians are counted; write rpm, deg or rad, such as in {unit}"
         )
     if given not in (0, wanted) and (wanted or given > 0):
         raise ValueError(

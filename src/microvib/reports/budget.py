@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,6 +32,7 @@ from microvib.results import (
     Table,
 )
 from microvib.signals.pointing import Metric, mean_square_of_density, metric_name, metric_weight
+from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.left_out import left_out_of_lines
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.study import Budget, summary
@@ -256,6 +257,8 @@ def _basis(budget: Budget) -> str:
     said += _recordings(budget)
     said += _ranges(budget)
     said += _spin(budget)
+    said += _ends_of_densities(budget)
+    said += _ends_of_curves(budget)
     if budget.requirements and budget.requirements.source:
         said += [f"Required by: {budget.requirements.source}."]
     said += [start_sentence(budget.scenario)]
@@ -284,6 +287,42 @@ def _ranges(budget: Budget) -> Iterator[str]:
             "T_d ± (ranges) is that part of the drive's torque in the line, which the line of sight"
             " follows as far as it turns about the drive axis."
         )
+
+
+def _ends_of_densities(budget: Budget) -> Iterator[str]:
+    """Sentences on densities of sources that end within the band of a requirement."""
+    bands = [(one.lowest, one.highest or math.inf) for one in _required(budget) if not one.curve]
+    for one in budget.contributions:
+        if one.density is None or one.scenario is not None or not bands:
+            continue
+        f, density = one.density
+        given = f[np.any(density > 0.0, axis=1)]
+        if not given.size:
+            continue
+        low, high = float(given[0]), float(given[-1])
+        if any(lowest < low or highest > high for lowest, highest in bands):
+            ends = f"{FREQUENCY.figure(low)} to {FREQUENCY.figure(high)}"
+            yield f"The density of {one.source} is given from {ends}, and nothing of it counts outside."
+
+
+def _ends_of_curves(budget: Budget) -> Iterator[str]:
+    """Sentences on what curves do not limit."""
+    curves = [one.allowed for one in _required(budget) if one.curve]
+    if not curves:
+        return
+    low, high = (
+        FREQUENCY.figure(x) for x in (min(c.low for c in curves), max(c.high for c in curves))
+    )
+    said = f"Curves limit nothing below {low} and above {high}"
+    beside = [one.source for one in budget.contributions if one.density is not None or one.errors]
+    if beside:
+        said += f", and no densities and errors without lines: those of {', '.join(beside)}"
+    yield f"{said}."
+
+
+def _required(budget: Budget) -> Sequence[Requirement]:
+    """Requirements of a budget; empty without any."""
+    return () if budget.requirements is None else budget.requirements.requirements
 
 
 _GYROSCOPIC = 0.1
