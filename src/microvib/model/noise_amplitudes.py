@@ -107,6 +107,26 @@ def torque_of_noise(scenario: Scenario) -> float:
     return math.sqrt(float(np.trapezoid(noise_density(scenario, nodes), nodes)))
 
 
+def rms_of_noise(scenario: Scenario, low: float, high: float) -> float:
+    """Root mean square [N m] of what noise makes of T_d between two frequencies [Hz]."""
+    if not noise_bands(scenario):
+        return 0.0
+    nodes = _nodes(scenario, low, high)
+    nodes = np.unique(np.clip(nodes, low, high))
+    output = coordinates(scenario.reducer, len(scenario.load.H))[1]
+    density = disturbance_torque_response(scenario, nodes, output) ** 2 * noise_density(
+        scenario, nodes
+    )
+    return math.sqrt(float(np.trapezoid(density, nodes)))
+
+
+def crest_of_noise(cycles: float) -> float:
+    """Peak of noise, over its root mean square, that 95 % of the draws of so many ``cycles`` of the highest
+    frequency stay below: two peaks of either sign in a cycle, taken as independent.
+    """
+    return math.sqrt(2.0 * math.log(max(2.0 * cycles, 1.0) / (1.0 - QUANTILE)))
+
+
 def mean_square_amplitudes(
     scenario: Scenario, frequency: np.ndarray, duration: float
 ) -> np.ndarray:

@@ -8,20 +8,24 @@ the largest peak that filters of this roll-off make: a band passes or fails only
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
+from microvib.analysis.both_drives import AddedTorque
 from microvib.analysis.limits import judge
 from microvib.analysis.margins import NoVerdict, Verdict, worst_verdict
+from microvib.analysis.noise import LINEAR_FACTOR, noise_of_record
+from microvib.analysis.other_states import other_states
 from microvib.analysis.run import RunResult
 from microvib.analysis.spectra import samples_of
 from microvib.analysis.start import rounded_up
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.band_limits import BandLimit
+from microvib.model.noise_amplitudes import crest_of_noise, rms_of_noise
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.results import COUNT, DECIBEL, SHARE, TIME, TORQUE, TORQUE_LIMIT, Column, Measure
@@ -101,6 +105,12 @@ Gaps = Callable[[float, float, float], Sequence[str]]
 """Reasons why lines between two frequencies [Hz] are not judged against a limit, in words."""
 
 
+Tolerances = Callable[[float, float, float], Iterable[tuple[float, str]]]
+"""By how much peaks between two frequencies [Hz] in so many seconds may differ from those of a record, in the unit
+of the channel, and the cause of each, as a clause.
+"""
+
+
 class _Reasons(NamedTuple):
     """Reasons why a band passes nothing, or is not judged."""
 
@@ -108,11 +118,50 @@ class _Reasons(NamedTuple):
     broken: str
     cycle: float
     """Time after which the motion repeats [s]; 0 where that is not known."""
+    tolerances: Tolerances
 
 
 def no_gaps(low: float, high: float, limit: float) -> Sequence[str]:
     """No reasons: of a recording, whose samples are all that there is."""
     return ()
+
+
+def no_tolerances(low: float, high: float, seconds: float) -> Iterable[tuple[float, str]]:
+    """No tolerances: of a recording, whose own are known."""
+    return ()
+
+
+def _tolerances_of_run(result: RunResult) -> Tolerances:
+    """Tolerances of a run's torque: other draws of its noise, other states of a second wing's hinge, and what a
+    second drive adds.
+    """
+    table, scenario = result.table, result.scenario
+
+    def found(low: float, high: float, seconds: float) -> Iterator[tuple[float, str]]:
+        noisy = noise_of_record(scenario, table)
+        if noisy is not None and (rms := rms_of_noise(noisy, low, high)) > 0.0:
+            crest = LINEAR_FACTOR * rms * crest_of_noise(high * seconds)
+            yield crest, f"noise of {1e3 * rms:.3g} mN m RMS there, of which a run is one draw"
+        inside = [x for x in table if low <= x.place <= high and math.isfinite(x.amplitude)]
+        if (states := other_states(table, scenario)) is not None:
+            changes = (
+                max(
+                    states.largest(x, x.amplitude) - x.amplitude,
+                    x.amplitude - states.least(x, x.amplitude),
+                )
+                for x in inside
+            )
+            yield sum(changes), states.gap
+        wing = scenario.driven_wing
+        if wing is not None and result.second is not None:
+            added = AddedTorque.of(result.second.table, wing.alone)
+            within = (added.frequency >= low) & (added.frequency <= high)
+            yield (
+                float(np.sum(added.amplitude[within])),
+                "what the second wing's drive adds about this axis",
+            )
+
+    return found
 
 
 def reasons_of_lines(
@@ -139,6 +188,7 @@ def judge_bands(  # noqa: PLR0913 - keyword options
     gaps: Gaps = no_gaps,
     broken: str = "",
     cycle: float = 0.0,
+    tolerances: Tolerances = no_tolerances,
 ) -> tuple[BandPeak, ...]:
     """Judge the peak of a channel's time history in each band.
 
@@ -165,6 +215,8 @@ def judge_bands(  # noqa: PLR0913 - keyword options
     cycle : float
         Time [s] after which the motion is known to repeat, of which a part passes nothing; 0 where that is
         not known.
+    tolerances : callable, optional
+        By how much peaks may differ from those of the record, and why.
 
     Returns
     -------
@@ -189,9 +241,8 @@ def judge_bands(  # noqa: PLR0913 - keyword options
                 f"bands: the limit from {limit.low:g} to {limit.high:g} Hz is in"
                 f" {pretty(limit.unit)}, and channel {name} is in {pretty(unit)}"
             )
-        found.append(
-            _judged((recording, background), name, limit, roll_off, _Reasons(gaps, broken, cycle))
-        )
+        reasons = _Reasons(gaps, broken, cycle, tolerances)
+        found.append(_judged((recording, background), name, limit, roll_off, reasons))
     return tuple(found)
 
 
@@ -215,6 +266,7 @@ def judge_bands_of_run(
     second = None if result.second is None else result.second.table
     reasons = reasons_of_lines(result.table, result.scenario, second)
     cycle = float(result.solver.get("period_s", 0.0))
+    reasons["tolerances"] = _tolerances_of_run(result)
     return judge_bands(recording, limits, axis, roll_off=roll_off, cycle=cycle, **reasons)
 
 
@@ -241,9 +293,15 @@ def _judged(
         return _row(name, limit, (nan, nan, nan, nan), roll_off, 0.0, ("not judged", why))
     looked_at = history.values.size / rate
     figures = (history.peak, history.least, history.largest, history.place / rate)
+    ends = limit.low * (1.0 - roll_off), limit.high * (1.0 + roll_off)
     tolerances = (
         _tolerance_of_table(recording, name, limit, roll_off, history.largest),
         _tolerance_of_background(background, name, limit, roll_off),
+        *(
+            _Tolerance(size, why)
+            for size, why in reasons.tolerances(*ends, looked_at)
+            if size > 0.0
+        ),
     )
     unseen = (
         _unseen_reason(limit, looked_at, reasons.gaps)
