@@ -338,6 +338,9 @@ def test_nothing_is_judged_at_speeds_and_frequencies_that_were_not_measured() ->
     found = budget_of({}, **measured, not_measured=["axial_force"])
     assert found.verdict == "not judged"
     assert "axial force: not measured" in " ".join(found.why)
+    found = budget_of({}, **measured, one_axis=["radial_force"])
+    assert found.verdict == "not judged"
+    assert "radial force: measured about one of two axes" in " ".join(found.why)
     up_to = {**measured, "measured_up_to": "300 Hz"}
     assert budget_of({}, **up_to).verdict == "not judged"
     assert budget_of({"highest": "200 Hz"}, **up_to).verdict == "pass"
@@ -410,7 +413,7 @@ def test_the_command_writes_what_a_budget_reads(tmp_path: Path) -> None:
     options += ["--force-unit", "N", "--torque-unit", "N*m", "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(main, ["wheel", *options])
     assert done.exit_code == 0, done.output
-    assert "axial force, axial torque: not measured" in done.output
+    assert "axial force, axial torque: not measured" in " ".join(done.output.split())
     out = tmp_path / "out"
     assert {"harmonics.csv", "wheel.yaml", "waterfall_radial_force.png", "report.html"} <= {
         x.name for x in out.iterdir()
@@ -421,8 +424,11 @@ def test_the_command_writes_what_a_budget_reads(tmp_path: Path) -> None:
     with pytest.raises(MicrovibError, match="axis"):
         read_file(out / "wheel.yaml", Sources)
     assert "not_measured: [axial_force, axial_torque]" in text
+    assert "one_axis: [radial_force, radial_torque]" in text
+    assert "measured about one of two axes" in " ".join(done.output.split())
     text = text.replace("# position", "position").replace("# axis", "axis")
     text = text.replace("[axial_force, axial_torque]", "[]")
+    text = text.replace("[radial_force, radial_torque]", "[]")
     (out / "filled.yaml").write_text(text)
     from microvib.io.file_access import WORKING_FOLDER
 

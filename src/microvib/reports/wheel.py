@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 _DECADES = 3.0
 """Decades of amplitude that maps show in colour."""
+_ACROSS = ("radial_force", "radial_torque")
+"""Loads across the spin axis, which have two axes."""
 _RPM = 2.0 * np.pi / 60.0
 _MODE_COLOUR = "#ff5c5c"
 _HARMONICS_CAPTION = (
@@ -90,6 +92,11 @@ def _not_measured(found: MeasuredWheel) -> list[str]:
     return [load for load in LOADS_OF_WHEEL if load not in found.maps]
 
 
+def _of_one_axis(found: MeasuredWheel) -> list[str]:
+    """Loads across the spin axis that were measured about one of two axes."""
+    return [load for load, one in found.maps.items() if load in _ACROSS and not one.axes]
+
+
 def _about(found: MeasuredWheel) -> Iterator[tuple[str, str]]:
     one = next(iter(found.maps.values()))
     yield "Loads", ", ".join(load.replace("_", " ") for load in found.maps)
@@ -103,6 +110,13 @@ def _about(found: MeasuredWheel) -> Iterator[tuple[str, str]]:
         yield (
             "Note",
             f"{names}: not measured; a budget passes nothing until they are taken out of not_measured in wheel.yaml",
+        )
+    if one_axis := _of_one_axis(found):
+        names = ", ".join(x.replace("_", " ") for x in one_axis)
+        yield (
+            "Note",
+            f"{names}: measured about one of two axes, and the other may differ; a budget passes nothing until they"
+            " are taken out of one_axis in wheel.yaml",
         )
     yield from (("Note", text) for text in _left_out(found))
     speed = found.measured
@@ -185,6 +199,10 @@ def wheel_yaml(found: MeasuredWheel) -> str:
     missing = _not_measured(found)
     if missing:
         lines.append(f"      not_measured: [{', '.join(missing)}]  # leave out what is zero")
+    if one_axis := _of_one_axis(found):
+        lines.append(
+            f"      one_axis: [{', '.join(one_axis)}]  # leave out what is equal about both"
+        )
     if found.modes:
         lines.append("      modes:")
     for x in found.modes:

@@ -483,6 +483,12 @@ class Wheel(Part):
         max_length=4,
         description="loads that were not measured; nothing passes while one is named",
     )
+    one_axis: tuple[Literal["radial_force", "radial_torque"], ...] = Field(
+        default=(),
+        max_length=2,
+        description="loads across the spin axis that were measured about one of two axes; nothing passes"
+        " while one is named, as the other may differ",
+    )
     axis: Direction = Field(description="spin axis, hub axes")
     harmonics: tuple[WheelHarmonic, ...] = Field(
         default=(), max_length=200, description="its disturbances"

@@ -332,6 +332,11 @@ class WheelOnCraft:
         if self.wheel.not_measured:
             loads = " and ".join(load.replace("_", " ") for load in self.wheel.not_measured)
             found.append(open_gap(f"the wheel's {loads}: not measured (wheel.not_measured)"))
+        if self.wheel.one_axis:
+            loads = " and ".join(load.replace("_", " ") for load in self.wheel.one_axis)
+            found.append(
+                open_gap(f"the wheel's {loads}: measured about one of two axes (wheel.one_axis)")
+            )
         return tuple(found)
 
     @cached_property
