@@ -526,3 +526,15 @@ def test_a_peak_is_judged_in_other_states_of_the_other_hinge(limit, verdict):
     [peak] = judge_bands_of_run(mv.run_scenario(craft), [BandLimit(0.8, 250.0, limit, "N*m")])
     assert peak.verdict == verdict
     assert (verdict == "pass") or "second wing's hinge" in peak.why
+
+
+def test_bands_of_a_run_on_a_craft_are_of_its_torque_alone():
+    """Mz of a craft is a load on the hub, and T_d was judged in its place: 0.6 for 5 mN m."""
+    craft = mv.load_scenario("examples/spacecraft.yaml").with_(
+        {"record.duration": "30 s", "record.start": "steady"}
+    )
+    result = mv.run_scenario(craft)
+    [peak] = judge_bands_of_run(result, [BandLimit(2.5, 100.0, 5.0, "N*m")])
+    assert peak.channel == "T_d"
+    with pytest.raises(OptionError, match="channel Mz is a load that a run's bands do not judge"):
+        judge_bands_of_run(result, [BandLimit(2.5, 100.0, 5.0, "N*m", channel="Mz")])

@@ -101,6 +101,8 @@ class _Tolerance:
     """Cause of it, as a clause; empty where nothing does."""
 
 
+TORQUE_CHANNEL = "T_d"
+"""Name of the disturbance torque of a run on a craft among channels."""
 Gaps = Callable[[float, float, float], Sequence[str]]
 """Reasons why lines between two frequencies [Hz] are not judged against a limit, in words."""
 
@@ -131,11 +133,12 @@ def no_tolerances(low: float, high: float, seconds: float) -> Iterable[tuple[flo
     return ()
 
 
-def _tolerances_of_run(result: RunResult) -> Tolerances:
-    """Tolerances of a run's torque: other draws of its noise, other states of a second wing's hinge, and what a
-    second drive adds.
+def _tolerances_of_lines(
+    table: LineTable, scenario: Scenario, second: LineTable | None
+) -> Tolerances:
+    """Tolerances of a simulated torque: other draws of its noise, other states of a second wing's hinge, and what
+    a second drive adds.
     """
-    table, scenario = result.table, result.scenario
 
     def found(low: float, high: float, seconds: float) -> Iterator[tuple[float, str]]:
         noisy = noise_of_record(scenario, table)
@@ -153,8 +156,8 @@ def _tolerances_of_run(result: RunResult) -> Tolerances:
             )
             yield sum(changes), states.gap
         wing = scenario.driven_wing
-        if wing is not None and result.second is not None:
-            added = AddedTorque.of(result.second.table, wing.alone)
+        if wing is not None and second is not None:
+            added = AddedTorque.of(second, wing.alone)
             within = (added.frequency >= low) & (added.frequency <= high)
             yield (
                 float(np.sum(added.amplitude[within])),
@@ -175,7 +178,10 @@ def reasons_of_lines(
     def gaps(low: float, high: float, limit: float) -> Sequence[str]:
         return judge(table, Limit(Si(limit), Si(low), Si(high)), scenario, second).gaps
 
-    return {"gaps": gaps, "broken": failed_invariants_reason(table.broken, scenario)}
+    reasons = {"gaps": gaps, "broken": failed_invariants_reason(table.broken, scenario)}
+    if scenario is None:
+        return reasons
+    return {**reasons, "tolerances": _tolerances_of_lines(table, scenario, second)}
 
 
 def judge_bands(  # noqa: PLR0913 - keyword options
@@ -261,13 +267,26 @@ def judge_bands_of_run(
     if result.table.seeds:
         raise OptionError("bands", "are judged by one motion; leave seeds out")
     x, rate, unit = samples_of(result.motion)
-    axis = "M" + result.scenario.array.drive_axis
+    # on a craft Mx, My, Mz are loads on the hub in its own axes
+    on_craft = result.scenario.spacecraft is not None
+    axis = TORQUE_CHANNEL if on_craft else "M" + result.scenario.array.drive_axis
+    _expect_torque(limits, axis)
     recording = Recording({axis: x}, rate, {axis: unit}, result.scenario.title)
     second = None if result.second is None else result.second.table
     reasons = reasons_of_lines(result.table, result.scenario, second)
     cycle = float(result.solver.get("period_s", 0.0))
-    reasons["tolerances"] = _tolerances_of_run(result)
     return judge_bands(recording, limits, axis, roll_off=roll_off, cycle=cycle, **reasons)
+
+
+def _expect_torque(limits: Sequence[BandLimit], axis: str) -> None:
+    """OptionError for a limit of another channel than a run's torque."""
+    for limit in limits:
+        if limit.channel not in (None, "", axis):
+            raise OptionError(
+                "bands",
+                f"channel {limit.channel} is a load that a run's bands do not judge; they are of the disturbance"
+                f" torque, {axis} (leave the channel out, or limit the load's lines by --limit)",
+            )
 
 
 def verdict_on(peaks: Sequence[BandPeak]) -> Verdict | NoVerdict:
