@@ -199,3 +199,12 @@ def test_the_how_to_runs_as_it_stands(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("310.0") or done.stdout.startswith("309.9")
+
+
+def test_a_copy_of_a_record_is_no_other_run(folder):
+    """A unit that was never recorded passed with the file of another one."""
+    shutil.copy(folder / "0.uff", folder / "copy.uff")
+    done = report(runs=("A=0.uff", "B=copy.uff"))
+    assert done.exit_code != 0
+    assert "channel Mz is that of 0.uff, sample for sample" in " ".join(done.output.split())
+    assert not (folder / "out").exists()

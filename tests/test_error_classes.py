@@ -561,3 +561,32 @@ def test_the_bound_of_an_opposing_drift_is_at_its_begin_or_its_end(metric: str) 
     sources = constant("a", x=0.1, y=0.0), given("b", drift={**drift, "spread_y": 0.0})
     found = judged(asked, *sources)
     assert (found.least, found.value, found.most) == pytest.approx([0.1] * 3)
+
+
+def test_no_process_within_bounds_jitters_by_more_than_its_bound() -> None:
+    """At the end of a window what is left about the fitted line is largest for a process of two values."""
+    noise = given(random={**UNIFORM, "correlation_time": 0.1})
+    found = judged({"metric": "jitter", "window": 0.5, "statistic": "bound"}, noise)
+    x = np.linspace(-1.0, 1.0, 200_001)
+    worst = 1.0 + float(np.trapezoid(np.abs(0.5 + 1.5 * x), x))
+    assert found.most == pytest.approx(worst, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("centre", "apart"), [(10.0005, 1000.0), (10.0001, 1000.0), (10.0005, 400.0)]
+)
+def test_narrow_noise_between_instants_that_are_far_apart(centre: float, apart: float) -> None:
+    """Of many cycles the mean weight was taken, however narrow the noise is: 14.1 for 19.7."""
+    low, high = centre - 1e-4, centre + 1e-4
+    noise = given(
+        random={
+            "spread_x": 1.0,
+            "spread_y": 1.0,
+            "lowest": f"{low!r} Hz",
+            "highest": f"{high!r} Hz",
+        }
+    )
+    f = np.linspace(low, high, 200_001)
+    wanted = math.sqrt(np.mean(2.0 * (1.0 - np.cos(2.0 * np.pi * f * apart))))
+    found = judged({"metric": "stability", "apart": apart}, noise)
+    assert found.value == pytest.approx(wanted, rel=1e-3)

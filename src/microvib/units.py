@@ -256,15 +256,9 @@ def _check_angles(given: float, wanted: float, unit: str, plain: str) -> None:
     """ValueError where an angle is given for a number, or cycles or a percentage for an angle; left
     out, an angle is in radians, but in an angular rate and beside minutes, where turns may be meant.
     """
-    hertz = _HERTZ.search(plain) is not None
     if wanted and "percent" in plain:
         raise ValueError(f"is a percentage; an angle is expected here, in {unit}")
-    if "Hz" in unit and given:
-        raise ValueError(f"mixes angles and cycles: a frequency is expected here, in {unit}")
-    if "Hz" not in unit and wanted and hertz:
-        raise ValueError(
-            f"mixes cycles and angles: an angle or angular rate is expected here, in {unit}"
-        )
+    _check_cycles(given, wanted, unit, plain)
     if wanted and not given and (unit in _RATES or re.search(r"\bmin\b", plain)):
         raise ValueError(
             f"leaves open whether turns or radians are counted; write rpm, deg or rad, such as in {unit}"
@@ -273,6 +267,17 @@ def _check_angles(given: float, wanted: float, unit: str, plain: str) -> None:
         raise ValueError(
             f"has one angle unit too many or too few; a unit such as {unit or 'percent'} is"
             " expected"
+        )
+
+
+def _check_cycles(given: float, wanted: float, unit: str, plain: str) -> None:
+    """ValueError where an angle is given for cycles, or cycles for an angle."""
+    if "Hz" in unit:
+        if given:
+            raise ValueError(f"mixes angles and cycles: a frequency is expected here, in {unit}")
+    elif wanted and _HERTZ.search(plain) is not None:
+        raise ValueError(
+            f"mixes cycles and angles: an angle or angular rate is expected here, in {unit}"
         )
 
 

@@ -56,6 +56,8 @@ _MEAN: dict[Metric, float] = {
 }
 _AVERAGED = 1e3
 """Periods within a window from which on noise is as large at every instant of it, within 1e-3."""
+_MOST_RELATED = 1_000_000
+"""Pieces of a density up to which it is looked at what two windows that are far apart have in common."""
 _SHARE_OF_FREQUENCY = 0.02
 """Longest step of a grid, as a part of the frequency, on which 1 over its square is integrated."""
 _MAX_PIECES = 20_000_000
@@ -220,7 +222,8 @@ def _with_unrelated_instants(
     metric: Metric, f: np.ndarray, S: np.ndarray, window: float, apart: float
 ) -> float:
     """Mean square where the two instants are more than ``_FAST`` periods of the highest frequency
-    apart: above, each counts by itself, for its phase at one tells nothing of that at the other.
+    apart: above, each counts by itself, less what a density that is narrow beside the inverse of that time
+    still relates.
     """
     limit = max(min(_FAST / apart, f[-1]), f[0])
     at_limit = np.interp(limit, f, S)
@@ -228,15 +231,36 @@ def _with_unrelated_instants(
     unrelated = 0.0
     if above.any():
         single: Metric = "ape" if metric == "stability" else "mpe"
-        unrelated = 2.0 * mean_square_of_density(
-            single, np.r_[limit, f[above]], np.r_[at_limit, S[above]], window
-        )
+        upper, density = np.r_[limit, f[above]], np.r_[at_limit, S[above]]
+        unrelated = 2.0 * mean_square_of_density(single, upper, density, window)
+        unrelated -= 2.0 * _related_part(single, upper, density, window, apart)
     if not below.any():
         return unrelated
     related = mean_square_of_density(
         metric, np.r_[f[below], limit], np.r_[S[below], at_limit], window, apart
     )
     return unrelated + related
+
+
+def _related_part(
+    single: Metric, f: np.ndarray, S: np.ndarray, window: float, apart: float
+) -> float:
+    """Integral of a density, of ``mpe`` with its weight, times cos(2 pi f T_s) of instants that are so far apart: in
+    closed form of what is straight between frequencies.
+    """
+    if single == "mpe":
+        pieces = np.ceil(np.diff(f) * window * _PER_PERIOD).astype(int)
+        if pieces.sum() > _MOST_RELATED:
+            return 0.0
+        fine = [
+            np.linspace(a, b, n, endpoint=False)
+            for a, b, n in zip(f[:-1], f[1:], pieces, strict=True)
+        ]
+        grid = np.r_[np.concatenate(fine), f[-1]]
+        f, S = grid, np.interp(grid, f, S) * metric_weight("mpe", grid, window)
+    a = 2.0 * math.pi * apart
+    ends = (S[-1] * math.sin(a * f[-1]) - S[0] * math.sin(a * f[0])) / a
+    return float(ends + np.sum(np.diff(S) / np.diff(f) * np.diff(np.cos(a * f))) / a**2)
 
 
 def _averaged_integral(

@@ -7,9 +7,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from microvib.analysis.limits import Judgement
 from microvib.analysis.margins import Verdict, worst_verdict
 from microvib.errors import MicrovibError
+from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
 from microvib.model.scenario import GivenScenario, as_scenario
 from microvib.signals.limit_curve import Limit
@@ -79,6 +82,21 @@ class AcceptanceTest:
         return () if self.repeatability is None else self.repeatability.run_warnings
 
 
+def _expect_different_records(runs: Sequence[RecordedRun], channel: str) -> None:
+    """MicrovibError where two runs are one record: no two have the same noise, sample for sample."""
+    seen: dict[bytes, str] = {}
+    for run in runs:
+        if not isinstance(run.source, Prepared) or channel not in run.source.recording.channels:
+            continue
+        samples = np.ascontiguousarray(run.source.recording[channel]).tobytes()
+        if samples in seen:
+            raise MicrovibError(
+                f"{run.name}: channel {channel} is that of {seen[samples]}, sample for sample; give each run's own"
+                " recording, once"
+            )
+        seen[samples] = run.name
+
+
 def acceptance(  # noqa: PLR0913 - keyword options
     runs: Sequence[RecordedRun],
     *,
@@ -123,6 +141,7 @@ def acceptance(  # noqa: PLR0913 - keyword options
     """
     if not runs:
         raise MicrovibError("no recording was given; an acceptance test needs one or more")
+    _expect_different_records(runs, channel)
     guide = None if scenario is None else as_scenario(scenario)
     judged_runs = []
     for run in runs:

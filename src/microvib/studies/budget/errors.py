@@ -39,10 +39,11 @@ _WHOLE: tuple[Metric, ...] = ("ape", "mpe")
 _BETWEEN: tuple[Metric, ...] = ("stability", "pde")
 """Metrics of a change from one instant to another."""
 _GAIN: dict[Metric, float] = {
-    "ape": 1.0, "mpe": 1.0, "rpe": 2.0, "smear": 1.5, "jitter": 3.5, "stability": 2.0, "pde": 2.0,
+    "ape": 1.0, "mpe": 1.0, "rpe": 2.0, "smear": 1.5, "jitter": 8.0 / 3.0, "stability": 2.0, "pde": 2.0,
 }  # fmt: skip
 """No error within a bound is larger than this part of it in a window: about a mean twice, and a
-fitted line has no more than 3/2 at its end."""
+fitted line has no more than 3/2 at its end; about both, at the window's end, 1 and the integral of
+abs(1/2 + 3/2 x) over the window, x from -1 to 1."""
 _DENSE = 1600
 """Frequencies at which the spectrum of a random error is taken."""
 _LARGEST_WEIGHT: dict[Metric, float] = {"ape": 1.0, "rpe": 1.0, "jitter": 1.0, "stability": 4.0}
