@@ -132,7 +132,7 @@ def _growth(
     least = feeding[0].least if len(feeding) == 1 else 0.0  # several may cancel
     return GrowthOverAngle(
         what=" with ".join(dict.fromkeys(one.key for one in feeding)),
-        modes=tuple({mode.name for mode in modes}),
+        modes=tuple(dict.fromkeys(mode.name for mode in modes)),
         rate=most,
         may_grow=_growth_of(most, *decay) > 0.0,
         growth=max(_growth_of(least, *decay), 0.0),
