@@ -118,7 +118,7 @@ class _Cases:
         self.campaign = SimpleNamespace(
             design=SimpleNamespace(
                 samples=samples, cases=400, uncertain=(1,), levels=(), random=True, study=study, level_text=lambda k: "",
-                base=SimpleNamespace(record=record, other_wing=None), keys=(),
+                base=SimpleNamespace(record=record, other_wing=None, spacecraft=None), keys=(),
             )
         )  # fmt: skip
         self.verdicts = verdicts

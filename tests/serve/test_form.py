@@ -225,7 +225,7 @@ def test_modes_of_a_hub_count(client):
     )
     told = told.replace("boresight: [0, 0, 1]", "boresight: [0, 0, 1]\n    point: payload")
     error = client.post("/api/runs", json={"scenario": {"text": told}}).json()
-    assert "spacecraft.hub.modes: has 97 modes, beside 4 of the array" in error["error"]
+    assert "spacecraft.hub.modes: has 112 modes, beside 4 of the array" in error["error"]
 
 
 @pytest.mark.parametrize(
