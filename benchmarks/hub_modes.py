@@ -9,15 +9,20 @@ are off, over the largest, up to a part of the first mode that is left out.
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse import csc_matrix
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support.hub_responses import payload_rotations
 
 from microvib.io.hub_sources import hub_from
 from microvib.io.named import catalog_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validate_part
-from microvib.model.spacecraft import Hub
 from microvib.structures.fem.assembly import assemble
 from microvib.structures.fem.hub_mesh import free_modes, structure_of
 from microvib.structures.fem.modes import lowest_modes
@@ -36,17 +41,6 @@ def with_body(frequency: np.ndarray, at_root: np.ndarray) -> np.ndarray:
     squares[:6] = 0.0
     found = eigh(np.diag(squares), np.eye(squares.size) + at_root.T @ BODY @ at_root)[0]
     return np.asarray(np.sqrt(np.maximum(found[6:], 0.0)) / (2.0 * np.pi))
-
-
-def payload_rotations(hub: Hub, f: np.ndarray, point: str) -> np.ndarray:
-    """Rotations of the payload about x and y by unit loads at a point, (n, 2, 6)."""
-    shapes = np.array([mode.shapes for mode in hub.modes])
-    names = [one.name for one in hub.points]
-    own = np.array([mode.frequency for mode in hub.modes])
-    xi = np.array([mode.damping for mode in hub.modes])
-    stiff = 4.0 * np.pi**2 * (own**2 - f[:, None] ** 2 + 2j * xi * own * f[:, None])
-    payload, there = shapes[:, names.index("payload"), 3:5], shapes[:, names.index(point)]
-    return np.asarray(np.einsum("fs,sa,sb->fab", 1.0 / stiff, payload, there))
 
 
 def main() -> None:

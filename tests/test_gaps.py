@@ -6,28 +6,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import butter, sosfilt
+from support.made_signals import RATE, Signal, T, drive, noise, sine
 
 import microvib as mv
 from microvib.testdata.gaps import gap_faults
 from microvib.testdata.recording import Recording, RecordingError, require_usable_channel
-
-RATE = 2048.0
-T = np.arange(int(16 * RATE)) / RATE
-Signal = np.ndarray
-
-
-def noise(size: float, seed: int = 0) -> Signal:
-    return size * np.random.default_rng(seed).normal(size=T.size)
-
-
-def sine(frequency: float, phase: float = 0.1) -> Signal:
-    return np.sin(2.0 * np.pi * frequency * T + phase)
-
-
-def drive() -> Signal:
-    """A full-step line with two driving lines."""
-    x = sine(3.33) + 0.4 * sine(53.3, 1.0) + 0.2 * sine(106.6, 2.0)
-    return x / np.max(np.abs(x))
 
 
 def faults(x: Signal) -> list[str]:

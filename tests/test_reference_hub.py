@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from scipy.sparse import csc_matrix
+from support.hub_responses import payload_rotations
 
 import microvib as mv
 from microvib.errors import MicrovibError
@@ -152,17 +153,6 @@ def test_residual_modes_give_the_whole_mesh_with_an_array_on_it():
     assert cut[0] > 2.0 * true[0]
 
 
-def _payload_rotations(hub, f, point):
-    """Rotations of the payload about x and y by unit loads at a point, (n, 2, 6)."""
-    shapes = np.array([mode.shapes for mode in hub.modes])
-    names = [one.name for one in hub.points]
-    own = np.array([mode.frequency for mode in hub.modes])
-    xi = np.array([mode.damping for mode in hub.modes])
-    stiff = 4.0 * np.pi**2 * (own**2 - f[:, None] ** 2 + 2j * xi * own * f[:, None])
-    payload, there = shapes[:, names.index("payload"), 3:5], shapes[:, names.index(point)]
-    return np.einsum("fs,sa,sb->fab", 1.0 / stiff, payload, there)
-
-
 def test_responses_are_known_up_to_the_edge():
     """The hub with few modes against that with many, up to ``KNOWN_PART`` of the first that is left out."""
     many, f = hub_from({"modes": NAME, "count": 150}), np.geomspace(5.0, 350.0, 3000)
@@ -170,8 +160,8 @@ def test_responses_are_known_up_to_the_edge():
         few = hub_from({"modes": NAME, "count": count})
         inside = f <= KNOWN_PART * few.left_out_from
         for point in ("root", "wheels"):
-            true = _payload_rotations(many, f[inside], point)
-            found = _payload_rotations(few, f[inside], point)
+            true = payload_rotations(many, f[inside], point)
+            found = payload_rotations(few, f[inside], point)
             off = np.abs(found - true).max(axis=(1, 2)) / np.abs(true).max(axis=(1, 2))
             assert off.max() < 0.025, (count, point)
 

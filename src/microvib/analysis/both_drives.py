@@ -69,7 +69,7 @@ class AddedTorque:
         return cls(at, made, names, ranges[:, 0], ranges[:, 1], resolution)
 
     def beside(self, frequency: float) -> float:
-        """Sum of the lines that are not told apart from one of this frequency [Hz]."""
+        """Sum of the added lines that the record cannot separate from a line at this frequency [Hz]."""
         return float(np.sum(self.amplitude[self._same(self.frequency, frequency)]))
 
     def judged(self, margin: Margin) -> Margin:

@@ -419,8 +419,7 @@ def _judge_table(
         [*_line_margins(known, curve, table, scenario, states), *of_noise], key=lambda m: m.factor
     )
     edge = hub_edge(scenario)
-    if edge is not None:
-        margins = [_unless_above_hub(m, edge) for m in margins]
+    margins = [_unless_above_hub(m, edge) for m in margins]
     record = record_gap_of_table(table, scenario)
     gaps = [
         *([] if record is None else [record.why]),
@@ -431,10 +430,9 @@ def _judge_table(
     ]
     if of_torque:
         gaps += _above_passband(table, curve, scenario, states)
+        gaps += _unseen_above_hub(table, curve, scenario, edge)
     else:
         gaps += _other_channel_gaps(table, curve, scenario)
-    if of_torque and edge is not None and scenario is not None:
-        gaps += _unseen_above_hub(table, curve, scenario, edge)
     why = failed_invariants_reason(table.broken, scenario) or unknown_error_reason(table, scenario)
     if why:
         gaps = [why, *gaps]
@@ -627,11 +625,13 @@ def _unless_overstated(one: Margin, record: RecordGap) -> Margin:
 
 
 def _unseen_above_hub(
-    table: LineTable, limit: LimitCurve, scenario: Scenario, edge: HubEdge
+    table: LineTable, limit: LimitCurve, scenario: Scenario | None, edge: HubEdge | None
 ) -> Iterator[str]:
     """Gap of lines above the record's passband that may be above the limit by what the hub's model
-    lacks.
+    lacks; none where no mode of it is left out.
     """
+    if scenario is None or edge is None:
+        return
     start = max(PASSBAND * table.sample_rate, limit.low)
     if limit.high <= start:
         return
@@ -640,10 +640,12 @@ def _unseen_above_hub(
         yield edge.why
 
 
-def _unless_above_hub(one: Margin, edge: HubEdge) -> Margin:
+def _unless_above_hub(one: Margin, edge: HubEdge | None) -> Margin:
     """The margin of a line; of one where the hub's model has ended, not judged unless it is far within
     the limit.
     """
+    if edge is None:
+        return one
     place, uncertainty = _frequency_with_bound(one.line)
     if place + uncertainty <= edge.frequency or one.factor >= edge.factor:
         return one
