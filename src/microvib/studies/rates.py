@@ -1442,25 +1442,30 @@ def _parametric_crossings(
     """
     low, high = span
     own = float(drive.rate or 0.0) / low
-    ends = drive, at_rate(drive, Si(high * own), drive.driver.microsteps)
+    ends = drive, *(one for _, one in _drive_at(drive, [high * own]))
     for found in dict.fromkeys(x for one in ends for x in parametric_resonances(one)):
         per_rate = 0.5 * found.order * abs(own) / (2.0 * math.pi)
         f = 0.5 * found.frequency
         rate = f / per_rate
         if not low <= rate <= high:
             continue
-        near = [x for x in rate * PARAMETRIC_SHIFTS if low <= x <= high]
-        decays = [
-            decay_in_motion(found.mode, at_rate(drive, Si(x * own), drive.driver.microsteps))
-            for x in near
-        ]
-        slowed = [
-            x for x, decay in zip(near, decays, strict=True) if decay < 0.5 * found.mode.decay
-        ]
-        least = near[int(np.argmin(decays))]
+        near = [x * own for x in rate * PARAMETRIC_SHIFTS if low <= x <= high]
+        decays = {x / own: decay_in_motion(found.mode, one) for x, one in _drive_at(drive, near)}
+        if not decays:
+            continue
+        slowed = [x for x, decay in decays.items() if decay < 0.5 * found.mode.decay]
+        least = min(decays, key=lambda x: decays[x])
         line = f"{prefix}{found.line}"
         met = Resonance(microsteps, least, per_rate * least, math.nan, line, found.mode.name, f)
         yield _Crossing(met, sorted({least, *slowed}))
+
+
+def _drive_at(drive: Scenario, rates: Sequence[float]) -> Iterator[tuple[float, Scenario]]:
+    """Rates [rad/s] and the drive at each, without those too fast for the parts of its microsteps."""
+    for rate in rates:
+        case = _case_at(drive, Si(rate), drive.driver.microsteps)
+        if isinstance(case, Scenario):
+            yield rate, case
 
 
 def _orders_of_lines(scenario: Scenario) -> list[tuple[str, float]]:
