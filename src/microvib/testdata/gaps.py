@@ -39,7 +39,7 @@ those of lines: of noise 6 % of it are there. Lines that cease are a drive's tha
 """
 _OF_KICKS = 2.5
 """Root mean square of second differences outside of what was found, over the median of their magnitudes, from which
-they are a drive's kicks, and what is between them is its calm: of noise it is 1.5, and kicks that have half of the
+they are a drive's kicks, and what is between them is its rest: of noise it is 1.5, and kicks that have half of the
 power make it 2.1. A short record has too few bins to tell their lines.
 """
 _LEAST_NOISE = 1e-5
