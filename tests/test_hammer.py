@@ -14,6 +14,8 @@ from microvib.analysis.lines import lines_of_recording
 from microvib.cli.main import main
 from microvib.io.recordings import load_preparation, read_prepared, write_recording
 from microvib.io.scenario_file import load_bench
+from microvib.reports.hammer import hammer_outcome
+from microvib.reports.outcome import terminal_text
 from microvib.signals.impacts import ImpactError, impact_response
 from microvib.studies.hammer import HammerTest, Hits, hammer_test
 from microvib.testdata.bench_parts import table_response
@@ -51,6 +53,20 @@ def test_two_resonances_with_shares_are_told_apart():
     assert [x.damping for x in got] == pytest.approx([0.01, 0.008], rel=0.1)
     assert [x.share for x in got] == pytest.approx([0.3, 1.0], abs=0.03)
     assert test.responses.first_resonance("Fz") == pytest.approx(420.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [(0.85, "0.85 times its load"), (-1.0, "its sign is reversed"), (1.0, "")],
+)
+def test_a_reading_that_is_not_its_load_at_low_frequencies_is_told(factor, told):
+    recording = blows([resonance()], noise=0.01)
+    scaled = replace(
+        recording, channels={**recording.channels, "Mz": factor * recording.channels["Mz"]}
+    )
+    said = terminal_text(hammer_outcome(found(scaled)))
+    assert ("at low frequencies" in said) == bool(told)
+    assert told in said
 
 
 def test_the_response_is_within_its_uncertainty():

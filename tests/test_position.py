@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from scipy.interpolate import CubicHermiteSpline
 from support import rodas4
 from support.automaton import Automaton, both
@@ -239,3 +240,72 @@ def test_a_file_that_is_no_density_is_a_sentence(tmp_path, text, said):
         "state-1", {"friction.position.roughness.table": str(tmp_path / "rough.csv")}
     )
     assert rough.friction.position.roughness.band == (10.0, 1000.0)
+
+
+CREEPS = {
+    "driver": {
+        "beats": 4,
+        "microsteps": 2,
+        "proportional_gain": "40.5 V/A",
+        "integral_gain": "8670 V/(A*s)",
+        "imperfections": {
+            "dac_bits": 6,
+            "gain_b": -0.0181,
+            "offset_a": -0.00816,
+            "offset_b": 0.000813,
+            "quadrature": "0.281 deg",
+        },
+    },
+    "friction": {
+        "coulomb": "0.224 N*m",
+        "breakaway": "0.224 N*m",
+        "stribeck_rate": "0.254 deg/s",
+        "stribeck_shape": 2.0,
+        "viscous": "12.9 N*m*s/rad",
+        "position": {"harmonics": [{"order": 320, "amplitude": 0.0597}]},
+    },
+    "motor": {
+        "current": "0.306 A",
+        "detent_torque": "0.00833 N*m",
+        "friction": {
+            "coulomb": "0.000504 N*m",
+            "breakaway": "0.000504 N*m",
+            "stribeck_rate": "0.0634 deg/s",
+            "viscous": "0.01 N*m*s/rad",
+        },
+        "rotor_inertia": "0.169 kg*cm^2",
+        "rotor_teeth": 90,
+        "torque_constant": "0.234 N*m/A",
+        "winding_inductance": "19.8 mH",
+        "winding_resistance": "17.2 ohm",
+    },
+    "reducer": {
+        "damping": "0.723 N*m*s/rad",
+        "ratio": 100,
+        "stiffness": "5600 N*m/rad",
+        "wave_generator_inertia": "0.0736 kg*cm^2",
+    },
+    "array": {
+        "inertia": "3.22 kg*m^2",
+        "modes": [
+            {"frequency": "0.187 Hz", "damping": 0.00283, "effective_inertia": "1.22 kg*m^2"},
+            {"frequency": "0.362 Hz", "damping": 0.00357, "effective_inertia": "1.13 kg*m^2"},
+            {"frequency": "2.62 Hz", "damping": 0.0139, "effective_inertia": "0.372 kg*m^2"},
+            {"frequency": "4.07 Hz", "damping": 0.00247, "effective_inertia": "0.415 kg*m^2"},
+        ],
+    },
+    "tracking": {"rate": "0.0177 deg/s"},
+    "record": {"settle": "5 s", "duration": "8 s", "sample_rate": "512 Hz"},
+}
+"""A drive whose rotor creeps, slowed down by its own viscous friction, to where its breakaway torque holds it."""
+
+
+def test_a_rotor_that_creeps_to_rest_at_its_breakaway_torque_stays_there(tmp_path):
+    """Held within rounding there, it would slip and stick without end."""
+    (tmp_path / "creeps.yaml").write_text(yaml.safe_dump(CREEPS))
+    scenario = mv.load_scenario(tmp_path / "creeps.yaml")
+    motion = mv.simulate(scenario)
+    other = rodas4.simulate(scenario, channels=("T_d",))
+    assert motion.invariants.energy_mechanical < 1e-4
+    off = motion["T_d"] - other["T_d"]
+    assert np.sqrt(np.mean(off**2)) < 1e-3 * np.std(other["T_d"])

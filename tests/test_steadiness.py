@@ -167,6 +167,49 @@ def test_a_short_burst_at_a_low_frequency_is_no_smaller_than_its_height(
     assert judge_recording(table, limit).verdict == "not judged"
 
 
+GROWN = 20e-3
+
+
+def _growing(frequency: float, after: float, phase: float) -> Recording:
+    """A tone that grows e-fold in a time ``after`` [s] up to the end of a record, beside a line and noise."""
+    t = np.arange(16 * int(FS)) / FS
+    x = GROWN * np.cos(2.0 * np.pi * frequency * t + phase) * np.exp((t - t[-1]) / after)
+    x += 4e-3 * np.cos(2.0 * np.pi * 50.3 * t)
+    x += 1e-4 * np.random.default_rng(0).standard_normal(t.size)
+    return Recording({"Mz": x}, FS, {"Mz": "N*m"}, "growing")
+
+
+@pytest.mark.parametrize("phase", [0.3, 1.7, 3.0])
+@pytest.mark.parametrize(("frequency", "after"), [(1.2, 2.0), (2.3, 1.0), (5.1, 0.5), (13.0, 0.5)])
+@pytest.mark.parametrize("reversed_in_time", [False, True])
+def test_what_grows_up_to_the_end_of_a_record_is_as_large_as_it_is_there(
+    frequency: float, after: float, phase: float, reversed_in_time: bool
+) -> None:
+    """It may be the beginning of an instability, and the window of a spectrum sees none of it there."""
+    recording = _growing(frequency, after, phase)
+    if reversed_in_time:
+        recording = replace(recording, channels={"Mz": recording["Mz"][::-1]})
+    table = mv.find_lines(recording)
+    assert judge(table, limit_of(0.95 * GROWN, 0.5, 350.0)).verdict == "not judged"
+    if not any(line.status == "growing" for line in table):  # such a line passes nothing
+        assert judge(table, limit_of(5.0 * GROWN, 0.5, 350.0)).verdict == "pass"
+
+
+@pytest.mark.parametrize(
+    ("frequency", "periods", "part"), [(1.41, 4.6, 0.65), (3.3, 4.0, 0.8), (9.7, 6.0, 0.9)]
+)
+def test_bursts_of_a_few_periods_are_no_smaller_than_their_height(
+    frequency: float, periods: float, part: float
+) -> None:
+    t = np.arange(32 * int(FS)) / FS
+    on = (t * frequency * part / periods) % 1.0 < part
+    x = GROWN * np.where(on, np.cos(2.0 * np.pi * frequency * t + 1.0), 0.0)
+    x += 4e-3 * np.cos(2.0 * np.pi * 50.3 * t)
+    x += 1e-4 * np.random.default_rng(0).standard_normal(t.size)
+    table = mv.find_lines(Recording({"Mz": x}, FS, {"Mz": "N*m"}, "bursts"))
+    assert judge(table, limit_of(0.95 * GROWN, 0.5, 350.0)).verdict == "not judged"
+
+
 @pytest.mark.parametrize(("start", "part"), [(0.3, 0.3), (0.36, 0.3), (0.4, 0.3), (0.44, 0.43)])
 def test_a_tone_that_is_parted_into_lines_beside_each_other_is_as_large_as_all_of_them(
     start: float, part: float

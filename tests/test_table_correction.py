@@ -216,6 +216,23 @@ def test_a_hammer_s_calibration_does_not_scale_the_readings():
     assert any("1.04" in note for note in back.notes_on("Mz"))
 
 
+@pytest.mark.parametrize("factor", [0.97, 1.04])
+def test_a_line_allows_for_a_calibration_that_is_the_hammer_s_or_the_table_s(factor):
+    """Readings are the loads where the hammer is wrong, and that many times the loads where the table is."""
+    response = response_of(bench_with())
+    back = corrected(replace(response, H=factor * response.H))
+    line = min(lines_of_recording(back, "Mz", None), key=lambda x: abs(x.place - 99.6))
+    least, most = (line.amplitude + k * 2.0 * line.amplitude_uncertainty for k in (-1.0, 1.0))
+    assert least < amplitudes()[5] / factor < most
+    assert least < amplitudes()[5] < most
+
+
+def test_nothing_is_judged_by_a_response_that_is_far_from_1_at_low_frequencies():
+    response = response_of(bench_with())
+    back = corrected(replace(response, H=0.85 * response.H))
+    assert status_at(back, 99.6)[0] == BEYOND_RESPONSE
+
+
 def test_a_response_under_another_mass_is_said_and_counted():
     """The table was empty in the hammer test: the resonance fell from 300 to 212 Hz under the drive."""
     table = tuple(

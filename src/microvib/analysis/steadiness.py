@@ -22,9 +22,9 @@ from microvib.signals.unaccounted import Excess, excesses, joined
 
 RINGS = 2.0
 """Factor on modes that ring while they are recorded: they need not fall as exponentials do."""
-_BESIDE = 1.12
+_BESIDE = 1.25
 """Ratio of frequencies within which an unlisted line beside a larger one may be what a change of
-rate or load makes of that.
+rate or load makes of that: bursts of four periods and more, with pauses between them, make lines no further away.
 """
 _BESIDE_BINS = 4.0
 """Bins of the record within which it is so, too: what lasts for half of the record or more."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,13 @@ from microvib.reports.numbers import count_text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.results import FREQUENCY, SHARE, Table
 from microvib.studies.hammer import FittedResonance, FoundBlow, HammerTest
-from microvib.testdata.table_response import MIN_COHERENCE, USABLE_PART
+from microvib.testdata.table_response import (
+    MIN_COHERENCE,
+    STATIC_ERROR_TOLD,
+    USABLE_PART,
+    TableResponseError,
+    static_mistake,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,6 +109,19 @@ def _remarks(test: HammerTest) -> Iterator[str]:
             )
         elif not all(x.trusted for x in own):
             yield f"{name}: the fitted resonances do not describe the response; use frf.csv, not table.yaml."
+        yield from _about_static_value(test, name)
+
+
+def _about_static_value(test: HammerTest, name: str) -> Iterator[str]:
+    """A sentence where a reading at low frequencies is not its load."""
+    with suppress(TableResponseError):  # where it cannot be seen
+        value = test.responses.static_value(name)
+        if abs(value - 1.0) > STATIC_ERROR_TOLD:
+            yield (
+                f"{name} reads {value:.4g} times its load at low frequencies{static_mistake(value)}: a"
+                " sensitivity of hammer or table, a sign or an arm is wrong. Correct it; else recordings are"
+                " not corrected, or this difference is in their uncertainty."
+            )
 
 
 def _facts(test: HammerTest) -> Iterator[Fact]:

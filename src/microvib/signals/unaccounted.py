@@ -65,6 +65,8 @@ _STARTS = 4
 """Pieces that begin within the length of one."""
 _LASTS = 0.9
 """Part of the loudest piece's excess above which what is half a piece away is taken for as loud."""
+_BESIDE_IMAGE = 1.5
+"""Factor on what a tone's height at an end of the record may be: it and its mirror image meet at any phase."""
 _TOLD = 24
 """Bins of the whole record that a band must have to tell noise from a tone that sweeps through it. In
 the bands below these, wherever the tone is, it may be in all bins of all pieces."""
@@ -324,8 +326,10 @@ def _in_pieces(
     starts = np.arange(0, x.size - length + 1, length // _STARTS)
     if starts[-1] != x.size - length:
         starts = np.append(starts, x.size - length)
-    window = np.lib.stride_tricks.sliding_window_view
-    samples, lines = (_power(window(y, length)[starts], sample_rate) for y in (x, model))
+    samples, lines = (_power(_pieces(y, length, starts), sample_rate) for y in (x, model))
+    begun = np.concatenate([[0.0], starts / sample_rate, [(x.size - length // 2) / sample_rate]])
+    mirrored = np.ones(begun.size)
+    mirrored[[0, -1]] = 0.5
     for k, after in _wide_enough(bands.edges, duration):
         low, high = float(bands.edges[k]), float(bands.edges[after])
         bins = slice(math.ceil(low * duration) - _LOBE, math.ceil(high * duration) + _LOBE)
@@ -334,8 +338,9 @@ def _in_pieces(
         noise, at_most = density @ np.diff(bands.edges[k : after + 1])
         noise, at_most = np.array([noise, at_most]) + density.max(axis=1) * 2.0 * _LOBE / duration
         free = max((high - low) * duration / _WIDE, 1.0)  # pairs of degrees of freedom
-        by_chance = at_most * float(gammainccinv(free, _BY_CHANCE)) / free
-        under = _SIGMAS * np.sqrt(2.0 * of_lines * density[1].max() * _WIDE / duration)
+        by_chance = at_most * gammainccinv(free * mirrored, _BY_CHANCE) / (free * mirrored)
+        scatter = density[1].max() * _WIDE / (duration * mirrored)
+        under = _SIGMAS * np.sqrt(2.0 * of_lines * scatter)
         known = (1.0 + bands.line_error) ** 2 * of_lines
         if not np.any(all_of > known + under + by_chance):
             continue
@@ -344,7 +349,8 @@ def _in_pieces(
         part = _loudest_part(samples[i], lines[i], bands.edges[k : after + 1] * duration)
         if part is None:
             continue
-        start, stop, times = _loud(all_of, i, starts / sample_rate, duration)
+        start, stop, times = _loud(all_of, i, begun, duration)
+        stop = min(stop, x.size / sample_rate)
         band = k + part
         height = _height(more, i) if times > 1.0 else 1.0
         yield band, Excess(
@@ -352,6 +358,20 @@ def _in_pieces(
             math.sqrt(more[i]), math.sqrt(all_of[i]), math.sqrt(of_lines[i]), start, stop, times,
             height,
         )  # fmt: skip
+
+
+def _pieces(x: np.ndarray, length: int, starts: np.ndarray) -> np.ndarray:
+    """Pieces of a ``length`` of samples ``x`` (n,) at their ``starts`` (p,), and before and after these half a
+    piece at the start and at the end of the record, beside its mirror image, (p + 2, length).
+
+    A window fades towards the ends of its piece: what grows up to the end of the record is at its largest
+    where no piece of the record itself would see it.
+    """
+    half, other = length // 2, length - length // 2
+    first = np.concatenate([x[:half][::-1], x[:other]])
+    last = np.concatenate([x[-other:], x[-half:][::-1]])
+    inside = np.lib.stride_tricks.sliding_window_view(x, length)[starts]
+    return np.vstack([first, inside, last])
 
 
 def _lines_in_pieces(
@@ -453,13 +473,33 @@ def _loudest_part(power: np.ndarray, of_lines: np.ndarray, edges: np.ndarray) ->
 
 def _height(excess: np.ndarray, i: int) -> float:
     """Height of the excess of piece ``i`` over what its RMS says: 1 where it is as large half a piece
-    before or after.
+    before or after; at an end of the record that of what grows, or decays, exponentially.
     """
+    if i in (0, excess.size - 1):
+        inside = (excess[1] if i == 0 else excess[-2]) / excess[i]
+        if inside >= _LASTS**2:
+            return 1.0
+        return _BESIDE_IMAGE * float(np.interp(-inside, -_INSIDE, _HEIGHT_AT_END))
     half = _STARTS // 2
-    beside = [excess[k] for k in (i - half, i + half) if 0 <= k < excess.size]
+    beside = [excess[k] for k in (i - half, i + half) if 0 < k < excess.size - 1]
     if max(beside, default=0.0) >= _LASTS**2 * excess[i]:
         return 1.0
     return _HEIGHT
+
+
+def _growing_to_the_end() -> tuple[np.ndarray, np.ndarray]:
+    """Of tones that grow exponentially to the end of a record, by up to sixteen e-foldings of their square
+    in a piece: the mean square in the last piece over that at the end, mirrored; the height there over what
+    the latter says. (m,) each.
+    """
+    u = np.linspace(0.0, 1.0, 2001)
+    falls = np.exp(-np.linspace(0.0, 16.0, 65)[:, None] * u)
+    own = np.mean(np.sin(np.pi * u) ** 4 * falls, axis=1)
+    at_end = 2.0 * np.mean(np.where(u <= 0.5, np.cos(np.pi * u) ** 4, 0.0) * falls, axis=1)
+    return own / at_end, np.sqrt(0.375 / at_end)
+
+
+_INSIDE, _HEIGHT_AT_END = _growing_to_the_end()
 
 
 def _wide_enough(edges: np.ndarray, duration: float) -> Iterator[tuple[int, int]]:

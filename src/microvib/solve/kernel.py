@@ -92,6 +92,10 @@ through its diodes.
 """
 HAIR = 1e-9
 """Part of the diodes' voltage within which a winding that has just opened stays open."""
+AT_LIMIT = 1e-8
+"""Part of its breakaway torque by which a body may be pushed beyond it and still comes to rest; at rest, it breaks
+away at twice as much. One that creeps to rest ends at this torque itself, where it would slip and stick without end.
+"""
 
 
 class Drive(NamedTuple):
@@ -1004,8 +1008,9 @@ def margins_known(y, q, stick, p):
 @code.inner(**INLINE)
 def _margins(y, hold_m, hold_l, stick, p):
     limit_m, limit_l = breakaway_torques(p, _slope(y, p), friction_factor_in(y, p))
-    e_m = where(stick[0] != 0.0, stick[0] * y[WM], limit_m - math.fabs(hold_m))
-    e_l = where(stick[1] != 0.0, stick[1] * y[WL], limit_l - math.fabs(hold_l))
+    breaks = 1.0 + 2.0 * AT_LIMIT
+    e_m = where(stick[0] != 0.0, stick[0] * y[WM], breaks * limit_m - math.fabs(hold_m))
+    e_l = where(stick[1] != 0.0, stick[1] * y[WL], breaks * limit_l - math.fabs(hold_l))
     acts_m, acts_l = breakaway_torques(p, -p.inv_h, 1.0)
     return where(acts_m > 0.0, e_m, 1.0), where(acts_l > 0.0, e_l, 1.0)
 
@@ -1026,7 +1031,7 @@ def decide_friction(which, x, p):
     hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
     limit_m, limit_l = breakaway_torques(p, G, friction_factor_in(x.y, p))
     hold, limit = (hold_m, limit_m) if which == 0 else (hold_l, limit_l)
-    if math.fabs(hold) <= limit and not was_stuck:
+    if math.fabs(hold) <= (1.0 + AT_LIMIT) * limit and not was_stuck:
         x.stick[which] = 0.0
         x.counters[STICKS] += 1
         x.counters[ROTOR_STICKS] += 1 if which == 0 else 0

@@ -10,6 +10,7 @@ from microvib.compiled import Unit
 from microvib.solve.collocation import MARGIN_M
 from microvib.solve.frame import add_reference_offset, from_command_frame, stick_pattern
 from microvib.solve.kernel import (
+    AT_LIMIT,
     BACKLASH,
     COMPILE,
     FORCED,
@@ -400,7 +401,7 @@ def _spent_within(which, x, p, t, w):
     # rates that are left are set to 0: momentum lost, where elements come to rest often
     if x.stick[which] != 0.0 and body != BACKLASH:
         return (1e-4 if which < 2 else 1e-8) * t.accuracy / scale
-    return 1e-8 * limit
+    return AT_LIMIT * limit
 
 
 @code.inner(**FORCED)

@@ -19,6 +19,7 @@ from microvib.testdata.force_table import ForceTable, UnusableBand
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.table_response import (
     MIN_COHERENCE,
+    STATIC_ERROR_TOLD,
     USABLE_PART,
     TableResponse,
     TableResponseError,
@@ -222,7 +223,7 @@ def without_table_dynamics(
     """
     try:
         plain, static = response.normalised()
-        work = _Work.of(plain, how)
+        work = _Work.of(plain, how, static)
     except TableResponseError as error:
         raise RecordingError(f"{recording.title}: table_frf: {error}") from None
     names = [c for c in plain.known if c in recording.channels]
@@ -256,14 +257,16 @@ class _Work:
     relative: np.ndarray
     """Relative uncertainty of each reading over its own load, (m, 6)."""
     others: np.ndarray
-    """The part of it that is not the response's own: interpolation, and another mass, (m, 6)."""
+    """The part of it that is not the response's own: of interpolation, by another mass and by the
+    calibration of hammer or table, (m, 6).
+    """
     bands: Mapping[str, tuple[UnusableBand, ...]]
     ends: Mapping[str, tuple[float, float]]
     """Lowest and highest frequency [Hz] that is corrected, by component."""
 
     @classmethod
-    def of(cls, response: TableResponse, how: TableFrf) -> _Work:
-        relative, others = _relative_uncertainty(response, how)
+    def of(cls, response: TableResponse, how: TableFrf, static: Mapping[str, float]) -> _Work:
+        relative, others = _relative_uncertainty(response, how, static)
         if response.coupled:
             _check_coupled(response, how)
             inverse = np.full(response.H.shape, np.nan, dtype=complex)
@@ -393,10 +396,11 @@ class _Work:
         else:
             text += f"; half of the first resonance, {first:.4g} Hz, is the limit"
         value = static.get(component, 1.0)
-        if abs(value - 1.0) > 0.005:
+        if abs(value - 1.0) > STATIC_ERROR_TOLD:
             text += (
-                f"; its value at low frequencies, {value:.4g}, is taken for the hammer's calibration and"
-                " left out"
+                f"; its value at low frequencies, {value:.4g}, is left out as the hammer's calibration, but"
+                " may be the table's own: the difference is in the uncertainty; correct the sensitivity that"
+                " is wrong"
             )
         gaps = [x for x in self.bands[component] if x.high < high and x.low > low]
         if gaps:
@@ -428,9 +432,12 @@ def _amplitudes(loads: Mapping[str, np.ndarray], rate: float) -> tuple[np.ndarra
     return first * rate / n, size
 
 
-def _relative_uncertainty(response: TableResponse, how: TableFrf) -> tuple[np.ndarray, np.ndarray]:
+def _relative_uncertainty(
+    response: TableResponse, how: TableFrf, static: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Relative standard uncertainty of each reading over its own load, (m, 6), and the part of it that is
-    not the response's own: of interpolation between bins, and by another mass on the table.
+    not the response's own: of interpolation between bins, by another mass on the table, and by the
+    ``static`` values, of which nobody knows whether the hammer or the table has them.
     """
     total = np.full((response.frequency.size, 6), np.nan)
     others = total.copy()
@@ -439,7 +446,8 @@ def _relative_uncertainty(response: TableResponse, how: TableFrf) -> tuple[np.nd
         H = response.diagonal(name)
         own = _own_uncertainty(response, how, name)
         by_mass = _by_mass(response.frequency, H, how.shift)
-        others[:, k] = np.hypot(_between_bins(H) / np.abs(H), by_mass)
+        by_calibration = 1.0 / static.get(name, 1.0) - 1.0
+        others[:, k] = np.hypot(np.hypot(_between_bins(H) / np.abs(H), by_mass), by_calibration)
         total[:, k] = np.sqrt(own**2 + (how.uncertainty or 0.0) ** 2 + others[:, k] ** 2)
     return total, others
 

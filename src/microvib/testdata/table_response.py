@@ -20,6 +20,8 @@ STATIC_PART = 0.3
 """Part of the first resonance up to which the static value of a response is read."""
 LARGEST_STATIC_ERROR = 0.2
 """Part by which a response at low frequencies may differ from 1: a hammer's calibration, and no unit."""
+STATIC_ERROR_TOLD = 0.005
+"""Part from which a difference is told."""
 MIN_COHERENCE = 0.8
 """Coherence below which a response is not used: something else than the hammer made the reading."""
 MIN_PROMINENCE_DB = 1.0
@@ -118,19 +120,27 @@ class TableResponse:
     def normalised(self) -> tuple[TableResponse, dict[str, float]]:
         """The response with 1 as each reading's static value, and the values that were found.
 
-        What a static value differs from 1 is the calibration of a hammer, which is no part of the
-        table's dynamics. TableResponseError where it differs so much that a unit, a sign or a channel
+        What a static value differs from 1 is the calibration of the hammer or of the table, which is no
+        part of the table's dynamics. TableResponseError where it differs so much that a unit, a sign or a channel
         is wrong, or where it cannot be read.
         """
         H, spread, found = self.H.copy(), self.uncertainty.copy(), {}
         for name in self.known:
-            value = self._static_value(name)
+            value = self.static_value(name)
+            if abs(value - 1.0) > LARGEST_STATIC_ERROR:
+                raise TableResponseError(
+                    f"{self.name}: {name} is {value:.4g} times its load at low frequencies, where 1 is"
+                    f" expected{static_mistake(value)}; check units, sign and channel of the hammer test"
+                )
             found[name] = value
             k = COMPONENTS.index(name)
             H[:, k], spread[:, k] = H[:, k] / value, spread[:, k] / value
         return replace(self, H=H, uncertainty=spread), found
 
-    def _static_value(self, component: str) -> float:
+    def static_value(self, component: str) -> float:
+        """Reading of a component over its own load well below the first resonance; TableResponseError
+        where it cannot be seen.
+        """
         x, f = self.diagonal(component), self.frequency
         first = self.first_resonance(component)
         if math.isinf(first):
@@ -145,13 +155,7 @@ class TableResponse:
                 " frequencies cannot be seen; measure it from lower frequencies on"
             )
         rigid = x[low] if math.isnan(first) else x[low] * (1.0 - (f[low] / whole) ** 2)
-        value = float(np.median(rigid.real))
-        if abs(value - 1.0) > LARGEST_STATIC_ERROR:
-            raise TableResponseError(
-                f"{self.name}: {component} is {value:.4g} times its load at low frequencies, where 1 is"
-                f" expected{_mistake(value)}; check units, sign and channel of the hammer test"
-            )
-        return value
+        return float(np.median(rigid.real))
 
 
 def resonance_peaks(f: np.ndarray, H: np.ndarray, uncertainty: np.ndarray) -> np.ndarray:
@@ -177,7 +181,7 @@ def resonance_peaks(f: np.ndarray, H: np.ndarray, uncertainty: np.ndarray) -> np
     return np.column_stack([f[good][peaks[seen]], out[seen]])
 
 
-def _mistake(value: float) -> str:
+def static_mistake(value: float) -> str:
     """Mistake that a wrong static value is typical of, as a clause; empty where none is known."""
     if abs(value + 1.0) < LARGEST_STATIC_ERROR:
         return ": its sign is reversed"
