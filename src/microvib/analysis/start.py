@@ -236,12 +236,12 @@ def _start_gap(scenario: Scenario) -> RecordGap | None:
         return RecordGap(held, turns=False)
     if why := _not_lasting_reason(scenario) or not_sliding_reason(scenario):
         return RecordGap(why, turns=True)
-    if why := _current_loop_reason(scenario):
+    if why := current_loop_reason(scenario):
         return RecordGap(why, turns=True, overstated=math.inf)
     return None
 
 
-def _current_loop_reason(scenario: Scenario) -> str:
+def current_loop_reason(scenario: Scenario) -> str:
     """Reason why the currents of a drive are not yet those that last: the integral part of their loop has a
     slow pole near K_I / (K_P + R); empty where it has died away.
     """

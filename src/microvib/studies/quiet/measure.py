@@ -18,7 +18,12 @@ from microvib.analysis.margins import (
     frequency_error_bound,
     may_ring,
 )
-from microvib.analysis.start import not_moving_reason, not_sliding_reason, unseen_growth_reason
+from microvib.analysis.start import (
+    current_loop_reason,
+    not_moving_reason,
+    not_sliding_reason,
+    unseen_growth_reason,
+)
 from microvib.errors import MicrovibError
 from microvib.model.expected import is_made
 from microvib.model.line_names import is_unlisted
@@ -178,10 +183,10 @@ def measure_lines(scenario: Scenario, *, pointing: bool = False) -> DriveLines:
     """Simulate a drive from rest and measure the lines of its record, those of the line of sight,
     too, with ``pointing``.
 
-    It has failed where the record begins before the array turns, or before frictions with memory slide, and
-    where a mode may grow that no run shows.
+    It has failed where the record begins before the array turns, before frictions with memory slide or before
+    the current loop has settled, and where a mode may grow that no run shows.
     """
-    not_lasting = (not_moving_reason, not_sliding_reason, unseen_growth_reason)
+    not_lasting = (not_moving_reason, not_sliding_reason, current_loop_reason, unseen_growth_reason)
     if why := next(filter(None, (reason(scenario) for reason in not_lasting)), ""):
         return failed(why)
     try:
