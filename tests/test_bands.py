@@ -468,6 +468,27 @@ def test_a_burst_at_an_end_is_heard_beside_loud_tones_outside_the_band(beside, a
         assert peak.verdict == verdict
 
 
+@pytest.mark.parametrize("at_start", [False, True])
+@pytest.mark.parametrize("periods", [3, 6, 25])
+@pytest.mark.parametrize(
+    ("low", "high", "frequency"), [(2.0, 100.0, 80.0), (5.0, 200.0, 150.0), (30.0, 300.0, 280.0)]
+)
+def test_a_burst_that_is_short_beside_the_ends_is_heard_in_them(
+    low, high, frequency, periods, at_start
+):
+    """It is at the very end, where a window would see none of it, or amid what is left out there."""
+    rate, length = 2048.0, periods / frequency
+    t = np.arange(int(16.0 * rate)) / rate
+    for gap in (0.0, 0.02, max(1.5 / low - length, 0.1)):
+        on = (t >= t[-1] - gap - length) & (t < t[-1] - gap)
+        burst = 20e-3 * on * np.cos(2.0 * np.pi * frequency * t)
+        x = burst + 5e-4 * np.cos(2.0 * np.pi * 40.0 * t)
+        x += 1e-5 * np.random.default_rng(1).normal(size=t.size)
+        recording = Recording({"Mz": x[::-1] if at_start else x}, rate, {"Mz": "N*m"})
+        limits = [BandLimit(low, high, limit, "N*m") for limit in (2e-3, 10e-3)]
+        assert {peak.verdict for peak in judge_bands(recording, limits)} == {"not judged"}
+
+
 def test_ends_of_a_record_with_little_between_them_are_heard():
     """The filter leaves 1.9 s of 20 to look at."""
     rate = 512.0
