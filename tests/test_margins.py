@@ -482,7 +482,7 @@ def test_after_a_reversal_a_drive_is_first_wound_off(state_1):
 def test_the_sentence_of_a_judgement():
     assert (
         str(Judgement(limit_of(0.010, 1.0, 5.0), (), ()))
-        == "Limit 10 mN m from 1 to 5 Hz: pass; there is no line from 1 to 5 Hz."
+        == "Limit 10 mN m from 1 to 5 Hz: pass; no line is listed from 1 to 5 Hz, and nothing else is above the limit."
     )
     open_ = Judgement(limit_of(0.010), (), (), ("a", "b", "c", "d", "e"))
     assert str(open_) == "Limit 10 mN m: not judged: a; b; c; and 2 more."

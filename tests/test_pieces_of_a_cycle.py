@@ -62,6 +62,22 @@ def test_nothing_is_larger_in_a_piece_of_what_is_there_at_all_times():
     assert not peaks_of_period(series_of(x), 1.0, COMB, 1.0 / 16.0)[0].size
 
 
+@pytest.mark.parametrize("shortest", [1.0 / 8.1, 1.0 / 11.0, 1.0 / 15.9])
+def test_pieces_are_as_short_as_tells_lines_apart_whatever_part_of_the_cycle_that_is(shortest):
+    """What is there for a short time is the smaller the longer the piece is in which it is looked at."""
+    swells = np.cos(np.pi * TIME) ** 80 * np.cos(2.0 * np.pi * 16 * COMB * TIME)
+    _, amplitude = peaks_of_period(series_of(swells), 1.0, COMB, shortest)
+    size = round(shortest * TIME.size)
+    window, around = np.hanning(size), np.tile(swells, 2)
+    largest = max(
+        np.abs(np.fft.rfft(around[start : start + size] * window, 8 * size)).max()
+        * 2.0
+        / window.sum()
+        for start in range(0, TIME.size, size // 16)
+    )
+    assert amplitude.max() == pytest.approx(largest, rel=0.05)
+
+
 def largest_of_records(scenario: mv.Scenario, low: float, high: float) -> float:
     """Largest amplitude [N m] between two frequencies in any 1.25 to 5 s of a cycle of a run that has
     settled, by an own spectrum.

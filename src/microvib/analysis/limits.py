@@ -165,7 +165,7 @@ class Judgement:
         else:
             head = f"Limit{self._of_what()} {self.allowed} over frequency{band}: "
         if not self.margins and not self.gaps:
-            return f"{head}pass; there is no line{band}.{self._tail()}"
+            return f"{head}pass; no line is listed{band}, and nothing else is above the limit.{self._tail()}"
         if self.above:
             verdict = f"FAIL, {self.above} of {len(self.margins)} lines above"
         else:

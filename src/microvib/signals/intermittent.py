@@ -232,13 +232,17 @@ def _hann(size: int) -> np.ndarray:
 
 
 def _lengths(cycle: float, shortest: float, duration: float) -> Iterator[float]:
-    """Lengths of pieces [s], each half of the one before."""
+    """Lengths of pieces [s], each half of the one before, and the ``shortest``, unless that takes too many: where a
+    line wanders, it is no smaller in any that tells the drive's own lines apart.
+    """
     length = min(cycle / _PIECES_OF_CYCLE, 0.5 * duration)
+    if length < shortest:
+        return
     for _ in range(_HALVINGS):
-        if length < shortest:
-            return
         yield length
-        length *= 0.5
+        if length == shortest:
+            return
+        length = max(0.5 * length, shortest)
 
 
 def _bins_of_pieces(
