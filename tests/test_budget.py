@@ -28,7 +28,7 @@ from microvib.model.coupling import (
     rotation_to_hub_axes,
 )
 from microvib.model.linear import coupled_modes
-from microvib.model.rigid import rigid_motion_at
+from microvib.model.rigid import COMPONENTS, rigid_motion_at
 from microvib.model.spacecraft import SecondWing
 from microvib.reports.budget import budget_outcome, draw_budget, draw_cumulative
 from microvib.reports.outcome import study_contents, terminal_text
@@ -2142,6 +2142,35 @@ def test_noise_of_any_channel_of_a_recording_is_in_doubt(channel: str, noise: fl
     ):
         assert math.isfinite(found.most)
         assert found.least <= true.value <= found.most
+
+
+@pytest.mark.parametrize("off", sweep([0.981, 0.985, 0.99, 1.01, 1.018], 0.985))
+def test_a_recorder_whose_clock_is_off_hides_no_line_at_a_mode(off: float) -> None:
+    """A line on a mode of the craft, just below the array's clamped one: read below it, the load is taken for one
+    that makes the line of sight move little.
+    """
+    scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml").with_(
+        {
+            "friction.coulomb": "0 N*m",
+            "friction.breakaway": "0 N*m",
+            "tracking.rate": "0.155598 deg/s",
+            "record.start": "steady",
+        }
+    )
+    ground = mv.run_scenario(scenario.model_copy(update={"spacecraft": None})).motion
+    assert ground is not None
+    rng = np.random.default_rng(1)
+    loads = {n: ground[n] + 1e-5 * rng.normal(size=ground.time.size) for n in COMPONENTS}
+    units = {n: "N" if n[0] == "F" else "N*m" for n in loads}
+    recording = Recording(loads, off * scenario.record.sample_rate, units, "table")
+    band = {"lowest": "0.5 Hz", "highest": "300 Hz", "limit": "1 urad"}
+    r = Requirements(requirements=[{"metric": "ape", "axis": axis, **band} for axis in "xy"])
+    budget = pointing_budget(scenario, r, recording=recording)
+    for found, true in zip(budget.judged, pointing_budget(scenario, r).judged, strict=True):
+        assert found.least <= true.value <= found.most
+    side = "above" if off > 1.0 else "below"
+    told = f"Their step clock is {100.0 * abs(off - 1.0):.2g} % {side} the scenario's"
+    assert told in terminal_text(budget_outcome(budget))
 
 
 @pytest.mark.parametrize("order", sweep([25, 40, 41], 41))

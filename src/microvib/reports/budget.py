@@ -34,6 +34,7 @@ from microvib.results import (
 from microvib.signals.pointing import Metric, mean_square_of_density, metric_name, metric_weight
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.left_out import left_out_of_lines
+from microvib.studies.budget.load_check import MAX_LOAD_RATIO, off_clock_words
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.study import Budget, summary
 from microvib.studies.budget.sums import LEFT_OUT_IN_TURN, Assessment, Share, combine_lines
@@ -272,8 +273,14 @@ def _recordings(budget: Budget) -> Iterator[str]:
             yield (
                 f"Loads of {one.source} come from a recording on a force table ({one.recording}), by the"
                 " blocked-load method; a run of the scenario beside it gives the error of this method, and"
-                " least and most hold its phases between channels as well as the recording's."
+                " least and most hold its phases between channels as well as the recording's. Loads up to"
+                f" {MAX_LOAD_RATIO:g} times as small or as large as that run's are taken as they are."
             )
+            if off := off_clock_words(one.step_clock):
+                yield (
+                    f"Their step clock is {off}: the drive's or the recorder's may be off, and least and most"
+                    " hold for both."
+                )
             if one.chain_assumption:
                 yield one.chain_assumption
 

@@ -25,7 +25,7 @@ from microvib.studies.budget.sources import (
 )
 from microvib.studies.chain_filter import ChainFilter, LineRatio, find_filter
 
-_MAX_LOAD_RATIO = 4.0
+MAX_LOAD_RATIO = 4.0
 """Factor between a recording's loads and the scenario's own from which one of them is wrong;
 assumed. Friction, gains and the array seldom change the loads of all lines together by more."""
 _COUNTS = 0.1
@@ -95,7 +95,7 @@ class ComparedLoads:
         large, small, size = (self.size(x) for x in (self.least, self.most, self.own))
         counts = np.maximum(large, size) > _COUNTS * np.max([large, size])
         return np.flatnonzero(
-            counts & ((large > _MAX_LOAD_RATIO * size) | (_MAX_LOAD_RATIO * small < size))
+            counts & ((large > MAX_LOAD_RATIO * size) | (MAX_LOAD_RATIO * small < size))
         )
 
     def unlike_lines(self, r: Requirement) -> tuple[str, ...]:
@@ -109,8 +109,8 @@ class ComparedLoads:
         los = np.linalg.norm(self.los_by_load[:, :, AXES[r.axis]], axis=2)
         weight = line_weights(r, self.frequency)[:, None] * los
         size = weight * np.maximum(self.own, self.least)
-        lacks = _MAX_LOAD_RATIO * self.most < self.own
-        exceeds = (self.least > _MAX_LOAD_RATIO * self.own) & (self.own > self.floor)
+        lacks = MAX_LOAD_RATIO * self.most < self.own
+        exceeds = (self.least > MAX_LOAD_RATIO * self.own) & (self.own > self.floor)
         part = _UNLIKE_PART * float(np.linalg.norm(size))
         unlike = np.where(lacks | exceeds, size, 0.0)
         if not np.linalg.norm(unlike) > part:
@@ -127,10 +127,10 @@ class ComparedLoads:
         named = [np.unravel_index(at, size.shape) for at in order if size.flat[at] > 0.0]
         told = ", ".join(self._line_in_words(int(k), int(j)) for k, j in named)
         if self.own[named[0]] > self.amplitude[named[0]]:
-            what = f"less than 1/{_MAX_LOAD_RATIO:g}"
+            what = f"less than 1/{MAX_LOAD_RATIO:g}"
             cause = "a low-pass in the chain (response of the preparation file), the passband, a unit, a quieter drive"
         else:
-            what = f"more than {_MAX_LOAD_RATIO:g} times"
+            what = f"more than {MAX_LOAD_RATIO:g} times"
             cause = "a resonance of the table, a unit, another rate, a louder drive"
         return (
             f"the recording has {what} of lines of the scenario's own run that matter here, such as {told};"
@@ -184,22 +184,36 @@ def with_filter_check(recorded: Contribution, own: BlockedLines) -> Contribution
     ratios = list(_load_ratios(recorded, own))
     found = find_filter(tuple(ratio for _, ratio in ratios), repeats)
     if found is not None:
-        return replace(recorded, gaps=(*recorded.gaps, _behind_filter(found)))
+        return replace(recorded, gaps=(*recorded.gaps, _behind_filter(found, recorded.step_clock)))
     gaps = []
     for number, name in enumerate(COMPONENTS):
         of_channel = tuple(ratio for component, ratio in ratios if component == number)
         if of_channel and (found := find_filter(of_channel, repeats)) is not None:
-            gaps.append(_behind_filter(found, f"{name} of "))
+            gaps.append(_behind_filter(found, recorded.step_clock, f"{name} of "))
     return replace(recorded, gaps=(*recorded.gaps, *gaps))
 
 
-def _behind_filter(found: ChainFilter, channel: str = "") -> Unobserved:
+def _behind_filter(found: ChainFilter, step_clock: float, channel: str = "") -> Unobserved:
     """The gap of lines of all channels, or of one, that a filter takes a part of."""
     why = (
         f"{channel}the recording has the lines of the scenario's own run behind {found} (a response in the preparation"
-        " file that takes it out, or states that there is none)"
+        " file that takes it out, or states that there is none"
     )
-    return open_gap(why, *found.taken_from)
+    if off := off_clock_words(step_clock):
+        why += f"; or the step clock, {off}, which moves lines beside a resonance"
+    return open_gap(f"{why})", *found.taken_from)
+
+
+_CLOCK_OFF_TOLD = 1e-3
+"""Part from which a step clock off the scenario's is told."""
+
+
+def off_clock_words(ratio: float) -> str:
+    """By how much a step clock is off the scenario's, of its ``ratio`` to it; empty where they agree."""
+    if abs(ratio - 1.0) < _CLOCK_OFF_TOLD:
+        return ""
+    side = "above" if ratio > 1.0 else "below"
+    return f"{100.0 * abs(ratio - 1.0):.2g} % {side} the scenario's"
 
 
 def _load_ratios(recorded: Contribution, own: BlockedLines) -> Iterator[tuple[int, LineRatio]]:

@@ -243,6 +243,8 @@ class Contribution:
     """
     chain_assumption: str = ""
     """Assumption about the measuring chain of its recording, a sentence; empty where its filters are stated."""
+    step_clock: float = 1.0
+    """Step clock of a recording over the scenario's."""
     sought: SoughtLoads | None = None
     """Recorded loads of all lines that its status does not leave open, also of those that the floor hides."""
     alternatives: tuple[Contribution, ...] = ()
@@ -460,6 +462,22 @@ def _drive_uncertainty(
     if states is not None:
         responses.append(lambda f: states.extremes(f, states.on_rotor)[..., 0])
     return response_uncertainty(responses, frequency, off, natural_frequencies(scenario, states))
+
+
+def _time_axis_uncertainty(
+    scenario: Scenario, loads: np.ndarray, frequency: np.ndarray, off: np.ndarray
+) -> np.ndarray:
+    """Relative error of lines, (2, k, 2), whose frequencies (k,) [Hz] a recorder's clock has wrong by up to
+    ``off`` (k,) [Hz]: the drive made their ``loads`` on the hub (k, 6) there, and not where they are read.
+    """
+
+    def los(f: np.ndarray) -> np.ndarray:
+        of_each = np.repeat(loads, f.size // len(loads), axis=0)
+        found = blocked_load_method(scenario, f, of_each).los
+        assert found is not None
+        return np.abs(found)
+
+    return response_uncertainty([los], frequency, off, natural_frequencies(scenario))
 
 
 def los_per_rotor_torque(scenario: Scenario, f: np.ndarray) -> np.ndarray:
@@ -947,7 +965,10 @@ def contribution_of_recording(
     )
     off_clock = np.abs(f * (1.0 / (table.clock_ratio or 1.0) - 1.0))
     off = (frequency_error_bound(f) + off_clock)[kept]
-    beside = _drive_uncertainty(scenario, drive_states(scenario, own=False), f[kept], off)
+    beside = np.maximum(
+        _drive_uncertainty(scenario, drive_states(scenario, own=False), f[kept], off),
+        _time_axis_uncertainty(scenario, (loads @ turn.T)[kept], f[kept], off),
+    )
     return Contribution(
         name,
         f"clock lines of the recording {recording.title}, blocked-load method",
@@ -964,6 +985,7 @@ def contribution_of_recording(
         recording=recording.title or "without a title",
         recorded=(loads[kept], floors[kept]),
         chain_assumption=recording.chain_assumption,
+        step_clock=table.clock_ratio or 1.0,
         sought=SoughtLoads(
             tuple(expected[k].name for k in np.flatnonzero(kept | faint)),
             f[kept | faint],
