@@ -263,6 +263,26 @@ def test_below_a_low_pass_lines_are_judged(torque):
     assert beside_scenario(passed, 1e-6, "30 mN*m", band=("1 Hz", "20 Hz")) == ("pass", "")
 
 
+@pytest.mark.parametrize("off", [0.985, 1.012])
+def test_a_line_is_judged_where_it_is_read_and_where_the_step_clock_should_have_it(torque, off):
+    """The drive may be off, or the recorder; a notch at either place fails or leaves it open."""
+    read = Recording({"Mz": torque}, off * 2048.0, {"Mz": "N*m"}, "test")
+    line = mv.find_lines("state-1", start="steady")["drive_1"]
+    for at in (line.frequency, off * line.frequency):
+        low, high = 0.999 * at, 1.001 * at
+        inside = f"{0.5 * line.amplitude} N*m"
+        ends = [
+            ("1 Hz", "1 N*m"),
+            (f"{low} Hz", "1 N*m"),
+            (f"{high} Hz", "1 N*m"),
+            ("300 Hz", "1 N*m"),
+        ]
+        notch = Limit.over_frequency(
+            [*ends[:2], (f"{low} Hz", inside), (f"{high} Hz", inside), *ends[2:]]
+        )
+        assert judge_recording(read, notch, scenario="state-1").verdict != "pass"
+
+
 def test_an_acceptance_test_looks_at_the_band_of_its_limit(torque):
     """The first run beside a reference that is a recording, too."""
     x = low_passed(torque, 30.0, 4) + 1e-6 * np.random.default_rng(0).normal(size=torque.size)

@@ -112,7 +112,8 @@ def line_range(
     off = float(frequency_error_bound(at, line.frequency_uncertainty))
     if line.status == NOISE_DRIVEN:  # other draws have it elsewhere in the mode's width
         off += (table.rest.resolution if table.rest else 0.0) + np.nan_to_num(line.decay) / math.pi
-    low, high = at - off, at + off
+    nominal = at / _clock_of_recording(table)
+    low, high = min(at, nominal) - off, max(at, nominal) + off
     if scenario is None or not line.is_mode or line.status == "ok":
         return low, high
     for mode in coupled_modes(scenario):
@@ -120,6 +121,15 @@ def line_range(
             ends = (mode.frequency, mode.fixed_frequency or mode.frequency)
             return min(low, *ends), max(high, *ends)
     return low, high
+
+
+def _clock_of_recording(table: LineTable) -> float:
+    """Step clock of a recording over the scenario's, by which the drive may be off, or the recorder, whose
+    frequencies are then all wrong; 1 of a simulation.
+    """
+    if table.clock_ratio is None or table.clock_ratio_uncertainty == 0.0:
+        return 1.0
+    return table.clock_ratio
 
 
 def worst_verdict(verdicts: Iterable[Verdict | NoVerdict]) -> Verdict | NoVerdict:

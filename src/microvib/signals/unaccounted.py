@@ -328,8 +328,8 @@ def _in_pieces(
         starts = np.append(starts, x.size - length)
     samples, lines = (_power(_pieces(y, length, starts), sample_rate) for y in (x, model))
     begun = np.concatenate([[0.0], starts / sample_rate, [(x.size - length // 2) / sample_rate]])
-    mirrored = np.ones(begun.size)
-    mirrored[[0, -1]] = 0.5
+    mirrored = np.ones(begun.size + 2)
+    mirrored[[0, -3, *_TURNED_OVER]] = 0.5
     for k, after in _wide_enough(bands.edges, duration):
         low, high = float(bands.edges[k]), float(bands.edges[after])
         bins = slice(math.ceil(low * duration) - _LOBE, math.ceil(high * duration) + _LOBE)
@@ -345,8 +345,13 @@ def _in_pieces(
         if not np.any(all_of > known + under + by_chance):
             continue
         more = np.where(all_of > known + under + by_chance, all_of - known - noise, 0.0)
+        rows = _least_at_ends(more)
+        more, all_of, of_lines = more[rows], all_of[rows], of_lines[rows]
         i = int(np.argmax(more))
-        part = _loudest_part(samples[i], lines[i], bands.edges[k : after + 1] * duration)
+        if more[i] == 0.0:
+            continue
+        own = samples[rows[i]], lines[rows[i]]
+        part = _loudest_part(*own, bands.edges[k : after + 1] * duration)
         if part is None:
             continue
         start, stop, times = _loud(all_of, i, begun, duration)
@@ -360,18 +365,38 @@ def _in_pieces(
         )  # fmt: skip
 
 
+_TURNED_OVER = -2, -1
+"""Rows of the pieces at the start and at the end of a record beside a mirror image that is turned over."""
+
+
 def _pieces(x: np.ndarray, length: int, starts: np.ndarray) -> np.ndarray:
-    """Pieces of a ``length`` of samples ``x`` (n,) at their ``starts`` (p,), and before and after these half a
-    piece at the start and at the end of the record, beside its mirror image, (p + 2, length).
+    """Pieces of a ``length`` of samples ``x`` (n,) at their ``starts`` (p,), before and after these half a
+    piece at the start and at the end of the record, beside its mirror image, and both beside one that is
+    turned over, (p + 4, length).
 
     A window fades towards the ends of its piece: what grows up to the end of the record is at its largest
-    where no piece of the record itself would see it.
+    where no piece of the record itself would see it. What is slow is bent by one of the mirror images only.
     """
     half, other = length // 2, length - length // 2
-    first = np.concatenate([x[:half][::-1], x[:other]])
-    last = np.concatenate([x[-other:], x[-half:][::-1]])
+    before, after = x[:half][::-1], x[-half:][::-1]
     inside = np.lib.stride_tricks.sliding_window_view(x, length)[starts]
-    return np.vstack([first, inside, last])
+    upright = np.concatenate([before, x[:other]]), np.concatenate([x[-other:], after])
+    turned_over = (
+        np.concatenate([2.0 * x[0] - before, x[:other]]),
+        np.concatenate([x[-other:], 2.0 * x[-1] - after]),
+    )
+    return np.vstack([upright[0], inside, upright[1], *turned_over])
+
+
+def _least_at_ends(more: np.ndarray) -> np.ndarray:
+    """Rows (p + 2,) of the pieces, at both ends of the record those of the mirror image with which there is
+    less of the excess ``more`` (p + 4,).
+    """
+    rows = np.arange(more.size - 2)
+    for end, other in zip((0, -1), _TURNED_OVER, strict=True):
+        if more[other] < more[rows[end]]:
+            rows[end] = more.size + other
+    return rows
 
 
 def _lines_in_pieces(
