@@ -178,7 +178,7 @@ def test_tracking_breaks_away_at_the_breakaway_torque(changes, limit):
     c = channels(q)
     assert (q.state.y[kernel.TL], q.state.y[kernel.WL]) == (0.0, 0.0)
     held = abs(c["T_f"]) + (100 * abs(c["T_f_m"]) if scenario.reducer.rigid else 0.0)
-    assert held <= limit * (1 + 1e-12)
+    assert held <= limit * (1 + 3 * kernel.AT_LIMIT)  # twice as much, and what ends a step
     # After a microstep the torque on the rigid reducer rises by 1e5 N m/s: 1e-7 of the limit in what is left of time.
     assert held == pytest.approx(limit, rel=3e-7)
     # and an instant later friction has fallen

@@ -118,7 +118,7 @@ def _about_static_value(test: HammerTest, name: str) -> Iterator[str]:
         value = test.responses.static_value(name)
         if abs(value - 1.0) > STATIC_ERROR_TOLD:
             yield (
-                f"{name} reads {value:.4g} times its load at low frequencies{static_mistake(value)}: a"
+                f"{name} reads {value:.3g} times its load at low frequencies{static_mistake(value)}: a"
                 " sensitivity of hammer or table, a sign or an arm is wrong. Correct it; else recordings are"
                 " not corrected, or this difference is in their uncertainty."
             )

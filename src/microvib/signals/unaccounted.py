@@ -67,6 +67,10 @@ _LASTS = 0.9
 """Part of the loudest piece's excess above which what is half a piece away is taken for as loud."""
 _BESIDE_IMAGE = 1.5
 """Factor on what a tone's height at an end of the record may be: it and its mirror image meet at any phase."""
+_BENT = 0.1
+"""Part of what lines do not account for in a piece beside a mirror image, above which a band of it counts: where
+that bends what is not known, it is heard in other bands by half as much.
+"""
 _TOLD = 24
 """Bins of the whole record that a band must have to tell noise from a tone that sweeps through it. In
 the bands below these, wherever the tone is, it may be in all bins of all pieces."""
@@ -330,6 +334,8 @@ def _in_pieces(
     begun = np.concatenate([[0.0], starts / sample_rate, [(x.size - length // 2) / sample_rate]])
     mirrored = np.ones(begun.size + 2)
     mirrored[[0, -3, *_TURNED_OVER]] = 0.5
+    unknown = np.maximum(np.sum((samples - lines)[:, _FIRST:], axis=1), 0.0)
+    heard = np.where(mirrored < 1.0, _BENT**2 * unknown, 0.0)
     for k, after in _wide_enough(bands.edges, duration):
         low, high = float(bands.edges[k]), float(bands.edges[after])
         bins = slice(math.ceil(low * duration) - _LOBE, math.ceil(high * duration) + _LOBE)
@@ -345,6 +351,7 @@ def _in_pieces(
         if not np.any(all_of > known + under + by_chance):
             continue
         more = np.where(all_of > known + under + by_chance, all_of - known - noise, 0.0)
+        more[more < heard] = 0.0
         rows = _least_at_ends(more)
         more, all_of, of_lines = more[rows], all_of[rows], of_lines[rows]
         i = int(np.argmax(more))
@@ -513,9 +520,9 @@ def _height(excess: np.ndarray, i: int) -> float:
 
 
 def _growing_to_the_end() -> tuple[np.ndarray, np.ndarray]:
-    """Of tones that grow exponentially to the end of a record, by up to sixteen e-foldings of their square
-    in a piece: the mean square in the last piece over that at the end, mirrored; the height there over what
-    the latter says. (m,) each.
+    """Tones that grow exponentially to the end of a record, by up to sixteen e-foldings of their square in a
+    piece: the mean square in the last piece over that at the end, mirrored; the height there over what the
+    latter says. (m,) each.
     """
     u = np.linspace(0.0, 1.0, 2001)
     falls = np.exp(-np.linspace(0.0, 16.0, 65)[:, None] * u)
