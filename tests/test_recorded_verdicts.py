@@ -14,11 +14,12 @@ from microvib.errors import OptionError
 from microvib.io.recordings import Prepared
 from microvib.signals.limit_curve import Limit
 from microvib.studies.acceptance import AcceptanceTest
-from microvib.studies.recording_limits import judge_recording
+from microvib.studies.recording_limits import judge_recording, judge_sides
 from microvib.testdata.bench_parts import Resonance
 from microvib.testdata.force_table import ForceTable
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording
+from microvib.units import Si
 
 RATE = 1000.0
 
@@ -281,6 +282,12 @@ def test_a_line_is_judged_where_it_is_read_and_where_the_step_clock_should_have_
             [*ends[:2], (f"{low} Hz", inside), (f"{high} Hz", inside), *ends[2:]]
         )
         assert judge_recording(read, notch, scenario="state-1").verdict != "pass"
+        own = Limit(Si(0.5 * line.amplitude), Si(low), Si(high))
+        assert judge_recording(read, own, scenario="state-1").verdict == "not judged"
+        sides = (Prepared(read), mv.load_scenario("state-1"))
+        assert judge_sides(sides, own, "Mz", None)[0].verdict == "not judged"
+    both = Limit(Si(0.5 * line.amplitude), Si(40.0), Si(60.0))
+    assert judge_recording(read, both, scenario="state-1").verdict == "fail"
 
 
 def test_an_acceptance_test_looks_at_the_band_of_its_limit(torque):

@@ -29,6 +29,7 @@ from microvib.analysis.margins import (
     frequency_error_bound,
     line_range,
     margin,
+    recorded_clock,
     settling_advice,
     shared_amplitude_bound,
     unlisted_beside,
@@ -411,7 +412,9 @@ def _judge_table(
     Models bound the torque about the drive axis only: of other channels nothing is known beyond
     their passband, nor what other draws of the noise have there.
     """
-    within = [x for x in table if curve.holds(*_frequency_with_bound(x)) and x.status != TRANSIENT]
+    within = [
+        x for x in table if curve.holds(*_frequency_with_bound(x, table)) and x.status != TRANSIENT
+    ]
     known = [x for x in within if math.isfinite(x.amplitude)]
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
     of_noise = noise_margins(table, curve, scenario) if of_torque else ()
@@ -496,7 +499,9 @@ def _line_margins(
     """Margins of lines of the table with known amplitudes."""
     ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
     for line in lines:
-        yield _certainly_within(_margin(line, curve, table, ringing, scenario, states), curve)
+        yield _certainly_within(
+            _margin(line, curve, table, ringing, scenario, states), curve, table
+        )
 
 
 def _margin(
@@ -646,8 +651,9 @@ def _unless_above_hub(one: Margin, edge: HubEdge | None) -> Margin:
     """
     if edge is None:
         return one
-    place, uncertainty = _frequency_with_bound(one.line)
-    if place + uncertainty <= edge.frequency or one.factor >= edge.factor:
+    line = one.line
+    uncertainty = float(frequency_error_bound(line.place, line.frequency_uncertainty))
+    if line.place + uncertainty <= edge.frequency or one.factor >= edge.factor:
         return one
     return _undecided(one, edge.why)
 
@@ -667,9 +673,13 @@ def unknown_error_reason(table: LineTable, scenario: Scenario | None) -> str:
     )
 
 
-def _frequency_with_bound(line: Line) -> tuple[float, float]:
-    """Frequency of a line, found or expected, and to what it is known [Hz]."""
-    return line.place, float(frequency_error_bound(line.place, line.frequency_uncertainty))
+def _frequency_with_bound(line: Line, table: LineTable) -> tuple[float, float]:
+    """Frequency of a line, found or expected, and to what it is known [Hz]; of a recording between where it is
+    read and where the scenario's clock would have it.
+    """
+    nominal = line.place / recorded_clock(table)
+    off = float(frequency_error_bound(line.place, line.frequency_uncertainty))
+    return 0.5 * (line.place + nominal), 0.5 * abs(line.place - nominal) + off
 
 
 def _combine_drives(
@@ -846,7 +856,7 @@ def _beside_band_gaps(
         (apart, x)
         for apart, x in beside
         if 0.0 < apart < reach
-        and not limit.holds(*_frequency_with_bound(x))
+        and not limit.holds(*_frequency_with_bound(x, table))
         and shared_amplitude_bound(x, table, scenario)
         > limit.strictest(x.place - reach, x.place + reach)
     ]
@@ -884,7 +894,7 @@ def _unresolved_ringing_gaps(
 def _growing_line_gaps(table: LineTable, limit: LimitCurve) -> Iterator[str]:
     """Lines outside the band that grow: nothing bounds their multiples, which grow with them."""
     for x in table:
-        outside = not limit.holds(*_frequency_with_bound(x))
+        outside = not limit.holds(*_frequency_with_bound(x, table))
         if x.status == "growing" and outside and GROWTH_FACTOR * x.amplitude > limit.least:
             yield f"lines caused by {x.name}, which grows within the record (increase record.settle)"
 
@@ -910,14 +920,19 @@ def _modulated_line_gaps(table: LineTable, scenario: Scenario | None) -> Iterato
     )
 
 
-def _certainly_within(one: Margin, limit: LimitCurve) -> Margin:
-    """The margin of a line; of an unlisted one above the limit that was found outside the band and
-    may be in it, not judged.
+def _certainly_within(one: Margin, limit: LimitCurve, table: LineTable) -> Margin:
+    """The margin of a line; of one above the limit that may be outside its band, not judged: an unlisted one
+    that was found outside, or one of a recording where it is read or where the scenario's clock would have it.
     """
     line = one.line
-    clock = CLOCK_UNCERTAINTY * line.place
-    if one.verdict != "fail" or line.kind != "other" or limit.holds(line.place, clock):
+    clock, nominal = CLOCK_UNCERTAINTY * line.place, line.place / recorded_clock(table)
+    if one.verdict != "fail" or (line.kind != "other" and nominal == line.place):
         return one
+    if limit.holds(line.place, clock) and limit.holds(nominal, clock):
+        return one
+    if nominal != line.place:
+        why = f"{line.name} (read at {line.place:.5g} Hz, and at {nominal:.5g} Hz by the scenario's clock)"
+        return replace(one, verdict="not judged", why=why)
     apart = max(limit.low - line.place, line.place - limit.high)
     why = (
         f"{line.name} (at {line.place:.5g} Hz, which may be in the band;"

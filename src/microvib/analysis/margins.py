@@ -112,7 +112,7 @@ def line_range(
     off = float(frequency_error_bound(at, line.frequency_uncertainty))
     if line.status == NOISE_DRIVEN:  # other draws have it elsewhere in the mode's width
         off += (table.rest.resolution if table.rest else 0.0) + np.nan_to_num(line.decay) / math.pi
-    nominal = at / _clock_of_recording(table)
+    nominal = at / recorded_clock(table)
     low, high = min(at, nominal) - off, max(at, nominal) + off
     if scenario is None or not line.is_mode or line.status == "ok":
         return low, high
@@ -123,8 +123,8 @@ def line_range(
     return low, high
 
 
-def _clock_of_recording(table: LineTable) -> float:
-    """Step clock of a recording over the scenario's, by which the drive may be off, or the recorder, whose
+def recorded_clock(table: LineTable) -> float:
+    """Find the step clock of a recording over the scenario's, by which the drive may be off, or the recorder, whose
     frequencies are then all wrong; 1 of a simulation.
     """
     if table.clock_ratio is None or table.clock_ratio_uncertainty == 0.0:
@@ -205,7 +205,7 @@ def unlisted_beside(
     low, high = line_range(line, table, scenario)
     reach = table.rest.resolution
     here, about = curve.strictest(low, high), curve.strictest(low - reach, high + reach)
-    if not about < here or not curve.holds(line.place, high - line.place):
+    if not about < here or not curve.holds(0.5 * (low + high), 0.5 * (high - low)):
         return ""
     if line.seen and line.amplitude > here:  # which is above the limit itself
         return ""

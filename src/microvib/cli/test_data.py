@@ -181,8 +181,7 @@ def compare(
             bands=bands,
             progress=progress,
         )
-    drive = guide or found.a.scenario or found.b.scenario
-    judged = judge_sides((first, second), allowed, channel, drive)
+    judged = judge_sides((first, second), allowed, channel, guide)
     target.present(comparison_outcome(*found, judged=judged))
 
 

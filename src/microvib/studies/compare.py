@@ -276,7 +276,7 @@ def compare(  # noqa: PLR0913 - keyword options
     a, b = _opened(a), _opened(b)
     if scenario is not None:
         scenario = as_scenario(scenario)
-    guide = _guide(a, b, scenario)
+    guide = drive_of_sides(a, b, scenario)
     sides: dict[int, Side] = {}
     given = list(enumerate(zip((a, b), names, strict=True)))
     for k, (source, name) in sorted(given, key=lambda item: isinstance(item[1][0], Scenario)):
@@ -519,9 +519,11 @@ def _misread_axes(a: Side, b: Side) -> tuple[str, ...]:
     return ()
 
 
-def _guide(a: ComparisonSource, b: ComparisonSource, scenario: Scenario | None) -> Scenario | None:
-    """Which lines to look for in recordings: a side that is a scenario says it, or one's run, or
-    the user.
+def drive_of_sides(
+    a: ComparisonSource, b: ComparisonSource, scenario: Scenario | None
+) -> Scenario | None:
+    """Find the drive that says which lines to look for in recordings: a side that is a scenario, that of one's
+    run, or a ``scenario`` that the user names; None without any.
     """
     found: list[Scenario | None] = [x for x in (a, b) if isinstance(x, Scenario)]
     found += [x.scenario for x in (a, b) if isinstance(x, (RunFolder, Motion))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 from microvib.analysis.limits import Judgement, judge_channel
@@ -20,6 +20,7 @@ from microvib.signals.line_table import LineTable
 from microvib.studies.compare import (
     Comparison,
     compare,
+    drive_of_sides,
     lacking_within,
     misread,
     misreads_amplitudes,
@@ -141,17 +142,20 @@ def judge_components(
 
 
 def judge_sides(
-    sources: Sequence[Source], limit: Limit | None, channel: str, scenario: GivenScenario | None
+    sources: tuple[Source, Source], limit: Limit | None, channel: str, scenario: Scenario | None
 ) -> tuple[Judgement | None, ...]:
     """Judgements of each side of a comparison that is a recording; None of another one. Nothing without a
     limit. OptionError where no side is a recording.
+
+    The drive is that of ``drive_of_sides``, at its own clock.
     """
     if limit is None:
         return ()
     if not any(isinstance(source, Prepared) for source in sources):
         judge_recording(sources[0], limit)
+    drive = drive_of_sides(*sources, scenario)
     return tuple(
-        judge_recording(source, limit, channel=channel, scenario=scenario)
+        judge_recording(source, limit, channel=channel, scenario=drive)
         if isinstance(source, Prepared)
         else None
         for source in sources

@@ -15,6 +15,7 @@ import numpy as np
 
 from microvib.analysis.limits import Judgement
 from microvib.analysis.margins import (
+    CLOCK_UNCERTAINTY,
     MIN_RELATIVE_ERROR,
     NoVerdict,
     Verdict,
@@ -265,13 +266,17 @@ class StatedLines:
 
     def _judged_lines(self, curve: LimitCurve) -> Iterator[SeenLine]:
         for x in self._seen():
-            if not curve.holds(x.frequency, x.high - x.frequency):
+            if not curve.holds(0.5 * (x.low + x.high), 0.5 * (x.high - x.low)):
                 continue
             strict, lenient = curve.strictest(x.low, x.high), curve.most_lenient(x.low, x.high)
             verdict: Verdict = "not judged"
             if x.amplitude + x.error <= strict:
                 verdict = "pass"
-            elif x.amplitude - x.error > lenient and not self.undecided:
+            elif (
+                x.amplitude - x.error > lenient
+                and not self.undecided
+                and all(curve.holds(f, 2.0 * CLOCK_UNCERTAINTY * f) for f in (x.low, x.high))
+            ):
                 verdict = "fail"
             yield replace(x, allowed=float(strict), lenient=float(lenient), verdict=verdict)
 

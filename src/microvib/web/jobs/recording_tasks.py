@@ -347,8 +347,7 @@ def comparison(  # noqa: PLR0913 - what a process is sent
         first, second, names=names, scenario=scenario, channel=channel,
         progress=lambda done, total: tell(done, total, "s", "simulating"),
     )  # fmt: skip
-    drive = scenario or found.a.scenario or found.b.scenario
-    judged = judge_sides((first, second), limit, channel, drive)
+    judged = judge_sides((first, second), limit, channel, scenario)
     outcome = comparison_outcome(*found, judged=judged)
     _write(folder, page_answer(outcome, pictures=other is not None))
 
