@@ -313,6 +313,39 @@ def test_without_friction_and_detent_the_full_model_rings_as_the_closed_form_say
     assert found.most / step == pytest.approx(expected, abs=2e-3)
 
 
+@pytest.mark.parametrize(
+    "noise",
+    [
+        {"friction.position": {"roughness": {"density": "1e-6", "lowest": 1000, "highest": 20000}}},
+        {"friction.torque_noise": {"density": "2e-5 N^2*m^2/Hz", "highest": "5 Hz"}},
+    ],
+)
+def test_noise_of_the_friction_rings_on_top(state_1, noise):
+    """What draws of it leave ringing in three periods after a start is below what a run is said to have at most."""
+    start = RateProfile.of_jumps(np.array([0.0]), np.array([state_1.rate]))
+    [quiet] = measure(Case(state_1, ("array_mode_1",)), start)
+    [noisy] = measure(Case(state_1.with_(noise), ("array_mode_1",)), start)
+    assert noisy.amplitude == pytest.approx(quiet.amplitude, rel=1e-9)
+    assert noisy.most > quiet.most + 0.005
+    mode = next(m for m in coupled_modes(state_1) if m.name == "array_mode_1")
+    found = []
+    for seed in range(4):
+        kind = (
+            "friction.torque_noise"
+            if "friction.torque_noise" in noise
+            else "friction.position.roughness"
+        )
+        drawn = state_1.with_(noise).with_({f"{kind}.seed": seed})
+        run = drawn.with_({"record.settle": "40 s", "record.duration": "12 s"})
+        x = mv.simulate(run, channels=("T_d",))["T_d"]
+        size = round(3.0 / mode.frequency * run.record.sample_rate)
+        turn = np.exp(-2j * np.pi * mode.frequency * np.arange(size) / run.record.sample_rate)
+        window = np.hanning(size)
+        pieces = np.lib.stride_tricks.sliding_window_view(x, size)[::size]
+        found += (2.0 * np.abs(pieces @ (turn * window)) / window.sum()).tolist()
+    assert 0.1 * (noisy.most - quiet.most) < np.quantile(found, 0.9) < noisy.most
+
+
 def test_friction_spoils_shapers_and_a_corrected_shape_does_not_ring(state_1):
     plan = mv.plan_profile(state_1, frequency_uncertainty=0.0, damping_uncertainty=0.0)
     assert plan["ZVD"].linear_worst < 1e-3

@@ -303,6 +303,20 @@ def noise_bounds(scenario: Scenario, duration: float) -> ResidualPeaks:
     return ResidualPeaks.of(direct.frequency, size)
 
 
+_PERIODS_OF_RINGING = 3.0
+"""Periods of a mode in which it has an amplitude, however slowly noise changes it."""
+
+
+def ringing_by_noise(scenario: Scenario, frequency: float) -> float:
+    """Amplitude [N m] below which a mode at a ``frequency`` [Hz] rings by noise of the friction in 95 % of the
+    draws, at any one time; 0 without noise, or where the array stands still.
+    """
+    if not scenario.rate:
+        return 0.0
+    direct = _direct(scenario, _PERIODS_OF_RINGING / frequency, np.array([frequency]))
+    return LINEAR_FACTOR * RAYLEIGH_P95 * float(direct[0])
+
+
 def changed_line_bounds(table: LineTable, scenario: Scenario) -> Iterator[tuple[float, float]]:
     """Frequencies [Hz] and upper bounds [N m] of what noise makes by changing lines, as far as one
     draw bounds it: of unlisted lines, and of peaks without one.

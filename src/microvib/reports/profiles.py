@@ -157,7 +157,8 @@ _HOW_TO_READ = (
     "Ringing is that of a mode in T_d at the end of the manoeuvre, 0-to-peak, against what the largest"
     " change of rate leaves ringing as a step in the linearised drive. Linear: closed form without"
     " friction, detent torque and microsteps; worst: a bound over the whole uncertainty of frequency"
-    f" and damping; {LEAST_DECIBEL:g} dB stands for less, too. Runs: the full model, without noise."
+    f" and damping; {LEAST_DECIBEL:g} dB stands for less, too. Runs: the full model, without noise of"
+    " the friction, which the ringing at most has on top."
 )
 _CAPTION = (
     "Left, rates of the array. Right, ringing against a step over the error of the mode's frequency:"

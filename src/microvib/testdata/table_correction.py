@@ -402,6 +402,8 @@ class _Work:
                 " may be the table's own: the difference is in the uncertainty; correct the sensitivity that"
                 " is wrong"
             )
+        if component not in self.response.resonances:
+            text += f"; a resonance narrower than its bins, {np.median(np.diff(f)):.2g} Hz, may not be seen"
         gaps = [x for x in self.bands[component] if x.high < high and x.low > low]
         if gaps:
             text += f"; {len(gaps)} gaps where it is not known well enough"

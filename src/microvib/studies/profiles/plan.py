@@ -91,9 +91,8 @@ class Run:
             return "pass"
         if math.isnan(self.ringing.amplitude):
             return "not judged"
-        if self.fails_above is not None and self.ringing.amplitude <= self.fails_above:
-            return "not judged"
-        return "fail"
+        certain = self.limit if self.fails_above is None else self.fails_above
+        return "fail" if self.ringing.amplitude > certain else "not judged"
 
     @property
     def below_step(self) -> float:

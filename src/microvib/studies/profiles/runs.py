@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from microvib.analysis.lines import find_lines
+from microvib.analysis.noise import ringing_by_noise
 from microvib.errors import MicrovibError, OptionError, SimulationError
 from microvib.model.friction import Friction
 from microvib.model.linear import CoupledMode, coupled_modes, rate_step_response
@@ -236,7 +237,9 @@ def recorded(scenario: Scenario, modes: Sequence[CoupledMode]) -> Scenario:
 
 
 def measure(case: Case, profile: RateProfile) -> tuple[Ringing, ...]:
-    """Ringing of each mode of a case at the end of a ``profile`` from rest, by a run of the full model."""
+    """Ringing of each mode of a case at the end of a ``profile`` from rest, by a run of the full model without
+    noise of the friction, whose ringing at the rate that follows may come on top.
+    """
     run = with_profile(recorded(case.scenario, case.modes), profile)
     try:
         torque = torque_from_rest(run)
@@ -244,15 +247,21 @@ def measure(case: Case, profile: RateProfile) -> tuple[Ringing, ...]:
         return (Ringing(math.nan, math.nan, math.inf, str(error)),) * len(case.names)
     table = find_lines(torque)
     lines = {line.name: line for line in table}
-    return tuple(_ringing(lines.get(name), table.duration) for name in case.names)
+    follows = Tracking(rate=Si(float(profile.rates[-1])), clock_ratio=run.tracking.clock_ratio)
+    steady = case.scenario.alone.model_copy(update={"tracking": follows})
+    return tuple(
+        _ringing(lines.get(mode.name), table.duration, ringing_by_noise(steady, mode.frequency))
+        for mode in case.modes
+    )
 
 
-def _ringing(line: Line | None, duration: float) -> Ringing:
+def _ringing(line: Line | None, duration: float, by_noise: float) -> Ringing:
+    """Ringing that a line says, of a mode to which noise may add."""
     if line is None:
         return Ringing(math.nan, math.nan, math.inf, "above the passband of the record")
     if line.seen:
         amplitude = line.amplitude_at_start(duration)
-        return Ringing(amplitude, line.phase, amplitude, line.status)
+        return Ringing(amplitude, line.phase, amplitude + by_noise, line.status)
     if line.status == BELOW_FLOOR:
-        return Ringing(math.nan, math.nan, line.hidden, line.status)
+        return Ringing(math.nan, math.nan, line.hidden + by_noise, line.status)
     return Ringing(math.nan, math.nan, math.inf, line.status)
