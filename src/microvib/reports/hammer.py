@@ -110,6 +110,22 @@ def _remarks(test: HammerTest) -> Iterator[str]:
         elif not all(x.trusted for x in own):
             yield f"{name}: the fitted resonances do not describe the response; use frf.csv, not table.yaml."
         yield from _about_static_value(test, name)
+        yield from _about_hammer_filter(test, name, highest)
+
+
+def _about_hammer_filter(test: HammerTest, name: str, highest: float) -> Iterator[str]:
+    """A sentence where the hammer's channel seems to have a filter of its own."""
+    error = test.responses.chain_error(name)[test.responses.frequency <= highest]
+    if (largest := float(np.nanmax(error, initial=0.0))) > _CHAIN_ERROR_TOLD:
+        yield (
+            f"{name} leads its load, or lags it too much: the hammer's channel has a filter or a delay of its own."
+            f" The response may be {100.0 * largest:.2g} % off up to {highest:.4g} Hz by it, which is in the"
+            " uncertainty of recordings; take it out of the hammer's channel (response in the preparation file)."
+        )
+
+
+_CHAIN_ERROR_TOLD = 0.005
+"""Part that a filter of the hammer's channel may take, from which it is told."""
 
 
 def _about_static_value(test: HammerTest, name: str) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from microvib.analysis.noise import is_negligible
-from microvib.analysis.start import rounded_up
+from microvib.analysis.start import record_gap, rounded_up
 from microvib.io.current_table import integer_columns
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv
@@ -243,6 +243,9 @@ def _why_not_judged(found: QuietDrive, target: float) -> str:
         return "these are the drive's lines alone; a budget (`microvib budget`) judges the line of sight"
     if noise_bands(scenario) and not is_negligible(scenario, scenario.record.duration, most):
         return "each case has one draw of the noise, which another draw may exceed"
+    # what rings from the start is left out here, so that only the length of the record is asked for
+    if gap := record_gap(found.quieter, scenario.record.duration, simulated=False):
+        return gap.why
     if after.cases.size < draws_needed(P95):
         needed = draws_needed(P95)
         return f"{after.cases.size} cases do not bound a 95 % quantile; {needed} or more do"

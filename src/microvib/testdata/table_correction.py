@@ -257,8 +257,8 @@ class _Work:
     relative: np.ndarray
     """Relative uncertainty of each reading over its own load, (m, 6)."""
     others: np.ndarray
-    """The part of it that is not the response's own: of interpolation, by another mass and by the
-    calibration of hammer or table, (m, 6).
+    """The part of it that is not the response's own: of interpolation, by another mass, by the
+    calibration of hammer or table and by the hammer's filters, (m, 6).
     """
     bands: Mapping[str, tuple[UnusableBand, ...]]
     ends: Mapping[str, tuple[float, float]]
@@ -438,8 +438,8 @@ def _relative_uncertainty(
     response: TableResponse, how: TableFrf, static: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Relative standard uncertainty of each reading over its own load, (m, 6), and the part of it that is
-    not the response's own: of interpolation between bins, by another mass on the table, and by the
-    ``static`` values, of which nobody knows whether the hammer or the table has them.
+    not the response's own: of interpolation between bins, by another mass on the table, by the ``static``
+    values, of which nobody knows whether the hammer or the table has them, and by a filter of the hammer.
     """
     total = np.full((response.frequency.size, 6), np.nan)
     others = total.copy()
@@ -449,7 +449,9 @@ def _relative_uncertainty(
         own = _own_uncertainty(response, how, name)
         by_mass = _by_mass(response.frequency, H, how.shift)
         by_calibration = 1.0 / static.get(name, 1.0) - 1.0
-        others[:, k] = np.hypot(np.hypot(_between_bins(H) / np.abs(H), by_mass), by_calibration)
+        by_chain = response.chain_error(name)
+        parts = (_between_bins(H) / np.abs(H), by_mass, np.full(H.size, by_calibration), by_chain)
+        others[:, k] = np.sqrt(np.sum(np.square(parts), axis=0))
         total[:, k] = np.sqrt(own**2 + (how.uncertainty or 0.0) ** 2 + others[:, k] ** 2)
     return total, others
 

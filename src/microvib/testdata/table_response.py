@@ -20,6 +20,10 @@ STATIC_PART = 0.3
 """Part of the first resonance up to which the static value of a response is read."""
 LARGEST_STATIC_ERROR = 0.2
 """Part by which a response at low frequencies may differ from 1: a hammer's calibration, and no unit."""
+_MOST_DAMPED = 0.2
+"""Damping ratio that a table's first resonance has at most (assumed)."""
+_LARGEST_PHASE = 1.4
+"""Phase [rad] up to which a filter is told by it."""
 STATIC_ERROR_TOLD = 0.005
 """Part from which a difference is told."""
 MIN_COHERENCE = 0.8
@@ -116,6 +120,23 @@ class TableResponse:
         """Reading of a component over its own load, (m,)."""
         k = COMPONENTS.index(component)
         return np.asarray(self.H[:, k, k])
+
+    def chain_error(self, component: str) -> np.ndarray:
+        """Relative error, (m,), that a filter of the hammer's channel may have made: 1 / cos of the phase by which
+        readings lead their load, or lag more than a damped table does, less 1; nan where not known.
+
+        A table's readings lag; those over a load that a low-pass has delayed lead. Of all filters with the
+        same phase one of first order takes most.
+        """
+        H, f = self.diagonal(component), self.frequency
+        if self.resonances:  # a model has no such channel
+            return np.zeros(f.size)
+        first = self.first_resonance(component)
+        part = f / (f[-1] if math.isnan(first) else first)
+        lag = np.arctan2(2.0 * _MOST_DAMPED * part, 1.0 - part**2)
+        phase = np.angle(H)
+        beyond = np.maximum(np.maximum(phase, -phase - lag), 0.0)
+        return np.asarray(1.0 / np.cos(np.minimum(beyond, _LARGEST_PHASE)) - 1.0)
 
     def normalised(self) -> tuple[TableResponse, dict[str, float]]:
         """The response with 1 as each reading's static value, and the values that were found.
