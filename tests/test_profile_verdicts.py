@@ -11,6 +11,8 @@ from support.scenarios import limit_of
 import microvib as mv
 from microvib.analysis.limits import judge
 from microvib.analysis.start import record_gap, start_sentence
+from microvib.studies.profiles.manoeuvre import Manoeuvre
+from microvib.studies.profiles.plan import unknown_angle_reason
 from microvib.studies.rates import RECORD_GAP, RateCase, full_case, linear_case
 from microvib.units import Si
 
@@ -145,3 +147,19 @@ def test_lines_without_the_second_wings_say_what_to_leave_out(second_rests):
     assert (
         "the second wing's drive, whose lines are not here (leave --lines-only out)" in judged.gaps
     )
+
+
+@pytest.mark.parametrize(
+    "varies",
+    [
+        {"friction.position": {"harmonics": [{"order": 1, "amplitude": 0.4, "phase": "180 deg"}]}},
+        {"reducer.transmission_error": [{"order": 2, "amplitude": "60 arcsec"}]},
+    ],
+)
+def test_a_manoeuvre_from_one_angle_of_what_varies_over_it_is_not_passed(state_1, varies):
+    """From another angle it leaves up to four times the limit ringing."""
+    assert not unknown_angle_reason(state_1, Manoeuvre(0.0, state_1.rate))
+    drive, [key] = state_1.with_(varies), varies
+    said = unknown_angle_reason(drive, Manoeuvre(0.0, state_1.rate))
+    assert said == unknown_angle_reason(drive, Manoeuvre(state_1.rate, 0.0))
+    assert f"leave {key} out" in said

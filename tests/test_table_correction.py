@@ -227,6 +227,18 @@ def test_a_line_allows_for_a_calibration_that_is_the_hammer_s_or_the_table_s(fac
     assert least < amplitudes()[5] < most
 
 
+@pytest.mark.parametrize(("corner", "judged"), [(600.0, True), (200.0, False)])
+def test_a_low_pass_of_the_hammer_s_channel_is_told_by_its_phase(corner, judged):
+    """What it takes of the hammer is no part of the table: amplitudes are off by 3 and 20 % at 139 Hz."""
+    response = response_of(bench_with())
+    low_pass = 1.0 / (1.0 + 1j * response.frequency / corner)
+    back = corrected(replace(response, H=response.H / low_pass[:, None, None]))
+    line = min(lines_of_recording(back, "Mz", None), key=lambda x: abs(x.place - 139.4))
+    assert (line.status != BEYOND_RESPONSE) == judged
+    if judged:
+        assert line.amplitude + 2.0 * line.amplitude_uncertainty > amplitudes()[5] > line.amplitude
+
+
 def test_nothing_is_judged_by_a_response_that_is_far_from_1_at_low_frequencies():
     response = response_of(bench_with())
     back = corrected(replace(response, H=0.85 * response.H))

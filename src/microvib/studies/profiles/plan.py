@@ -15,6 +15,8 @@ from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, rate_step_response
 from microvib.model.other_hinge import other_hinge
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.model.slow_variations import slow_variations
+from microvib.model.tracking import Tracking
 from microvib.model.winding_up import wind_up
 from microvib.signals.limit_curve import EVERYWHERE, Limit, LimitCurve
 from microvib.solve.command import Command
@@ -33,7 +35,7 @@ from microvib.studies.profiles.shapes import SHAPERS, ramp, s_curve, shaped, sho
 from microvib.studies.profiles.shortest import Bounds, samples_of, shortest_change
 from microvib.studies.profiles.worst import Measured, Point, Searched, search_worst, start_grid
 from microvib.studies.workers import Calls, parallel_calls
-from microvib.units import GivenQuantity, quantity
+from microvib.units import GivenQuantity, Si, quantity
 
 ShapeVerdict = Literal["pass", "fail", "not judged"]
 STEP, TRAPEZOID, S_CURVE = "step", "trapezoid", "S curve"
@@ -413,7 +415,7 @@ def plan_profile(  # noqa: PLR0913 - keyword options
     )
     with parallel_calls(progress, workers) as calls:
         shapes, too_long = study.shapes(calls if runs else None)
-    unknown = _unknown_hinge(scenario, study.modes[0])
+    unknown = _unknown_hinge(scenario, study.modes[0]) or unknown_angle_reason(scenario, manoeuvre)
     return ProfilePlan(
         scenario,
         manoeuvre,
@@ -447,6 +449,23 @@ def _unknown_hinge(scenario: Scenario, modes: Sequence[UncertainMode]) -> str:
     if not moved and hinge.ratios(low, high)[1].max() <= _RAISED:
         return ""
     return hinge.gap
+
+
+def unknown_angle_reason(scenario: Scenario, manoeuvre: Manoeuvre) -> str:
+    """Find why runs that begin at one angle of the output leave open what rings from others: something changes the
+    drive over its angle. Empty where nothing does.
+    """
+    rates = [abs(rate) for change in manoeuvre.changes for rate in change]
+    moving = scenario.alone.with_si({"friction": scenario.friction.without_noise})
+    tracking = Tracking(rate=Si(max(rates)), clock_ratio=Si(scenario.tracking.clock_ratio))
+    varies = slow_variations(moving.model_copy(update={"tracking": tracking}))
+    if not varies:
+        return ""
+    one = varies[0]
+    return (
+        f"{one.what} changes the drive over the angle, and all runs begin at one angle of it (leave {one.key} out"
+        " for a verdict without it)"
+    )
 
 
 def _limit_over_frequency(given: GivenQuantity | Limit | None) -> LimitCurve | None:
