@@ -53,6 +53,12 @@ _GROWS = 1e-4
 """Negative damping ratio from which a mode grows; bodies that are free have next to none of their own."""
 _NEGLIGIBLE_SLOPE = 1e-3
 """Part of the viscous friction below which the rest of its slope is left out."""
+_DAMPER = 1j
+"""Dynamic stiffness of a damper, over its size."""
+_STICK_SLIP = np.exp(0.25j * np.pi * np.arange(1, 4))
+"""Dynamic stiffness of friction that locks a shaft for a part of the time, over its size, as a sine sees it: a
+damper, and an eighth of a turn to a spring or a mass on either side (assumed; beside a second wing that was
+integrated in time it was a twelfth of a turn to a mass)."""
 _WINDINGS, _RATIO = 1.1, 1.1
 """By how much more windings and another ratio of the gear may change the response than their own
 equations to first order have it; assumed."""
@@ -406,8 +412,8 @@ class DriveStates:
         """Smallest and largest line of sight [rad] over all states by ``forces`` on the coordinates
         (n, c), or at each frequency (m, n, c), at frequencies (m,) [Hz], (2, m, 2, c).
 
-        ``rows`` (r, n) of the coordinates take the place of the line of sight, (2, m, r, c). Not
-        ``between``: friction that locks a shaft does so or slides, and holds it by no spring between.
+        ``rows`` (r, n) of the coordinates take the place of the line of sight, (2, m, r, c). Not ``between``:
+        friction that locks a shaft does so, slides, or does both in turn, and holds it by no spring between.
         """
         each = np.broadcast_to(forces, (frequency.size, *forces.shape[-2:]))
         n, seen = self._system[0].shape[0], self._los if rows is None else rows
@@ -445,6 +451,9 @@ class DriveStates:
                     ends = [np.abs(at.with_spring(k, x, z[k]).los) for x in (spring.low, math.inf)]
                     low, high = np.minimum(*ends), np.maximum(*ends)
                 least, most = np.minimum(least, low), np.maximum(most, high)
+                if math.isinf(spring.high):
+                    low, high = _extremes_of_stick_slip(at, k)
+                    least, most = np.minimum(least, low), np.maximum(most, high)
         return np.array([least, most])
 
     def _levels(self, k: int, between: bool) -> list[float]:
@@ -672,6 +681,18 @@ class _Reduced:
             self.stretch_by_springs - to * of_springs,
             self.stretch - to * of_forces,
         )
+
+
+def _extremes_of_stick_slip(at: _Reduced, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest line of sight, (m, 2, c), over friction that locks the place of a spring at times; the
+    largest of a damper alone.
+    """
+    one = np.ones(at.los.shape[0])
+    least = np.min(
+        [_extremes_over_one(at, k, turned * one, 0.0, math.inf)[0] for turned in _STICK_SLIP],
+        axis=0,
+    )
+    return least, _extremes_over_one(at, k, _DAMPER * one, 0.0, math.inf)[1]
 
 
 def _extremes_over_one(

@@ -6,9 +6,9 @@ motor's spring stiffer or softer where it stands. A load of frequency f in one o
 in the run as both are for a torque on the shafts of the drive, with the drives linearised
 (``microvib.model.drive_states``).
 
-Dry friction that locks a shaft between slides is, for a sine, a damper between none and a rigid one;
-a load lies between those at both ends. Presliding, hysteresis and detent torque are springs, of which
-all between their ends are looked at.
+Dry friction that locks a shaft between slides is, for a sine, a damper between none and a rigid one.
+Presliding, hysteresis and detent torque are springs. Of both all between their ends are looked at: where two
+paths nearly cancel, a damper between leaves less than both ends do.
 """
 
 from __future__ import annotations
