@@ -208,3 +208,13 @@ def test_a_copy_of_a_record_is_no_other_run(folder):
     assert done.exit_code != 0
     assert "channel Mz is that of 0.uff, sample for sample" in " ".join(done.output.split())
     assert not (folder / "out").exists()
+
+
+def test_a_unit_that_did_not_run_is_not_accepted(folder):
+    """What is not heard is below every limit."""
+    recorded(folder / "off.uff", 4, gain=0.0)
+    done = report(runs=("A=0.uff", "A=off.uff"))
+    assert done.exit_code == 0
+    said = " ".join(done.output.split())
+    assert "Verdict: not judged" in said
+    assert "off.uff: no line but the mains' stands above the noise" in said

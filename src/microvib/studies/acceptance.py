@@ -15,7 +15,9 @@ from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
 from microvib.model.scenario import GivenScenario, as_scenario
+from microvib.signals.clock import near_mains
 from microvib.signals.limit_curve import Limit
+from microvib.signals.line_table import NOT_THE_DRIVES
 from microvib.solve.integration import Progress
 from microvib.studies.analyse import Analysis, analyse
 from microvib.studies.compare import Comparison, compare, lacking_within, misreads_amplitudes
@@ -79,7 +81,22 @@ class AcceptanceTest:
     @property
     def run_warnings(self) -> tuple[str, ...]:
         """Sentences without a stop on runs of which it is not known that they show what the others do."""
-        return () if self.repeatability is None else self.repeatability.run_warnings
+        beside = () if self.repeatability is None else self.repeatability.run_warnings
+        return (*beside, *filter(None, map(_silence_of, self.runs)))
+
+
+def _silence_of(run: JudgedRun) -> str:
+    """Sentence on a run in which nothing is heard that a drive may make; empty where something is."""
+    table = run.analysis.table
+    if table is None:
+        return ""
+    heard = (x for x in table if x.seen and not near_mains(x.frequency, table.duration))
+    if any(x.status not in NOT_THE_DRIVES for x in heard):
+        return ""
+    return (
+        f"{run.run.name}: no line but the mains' stands above the noise: the drive may not have run (a scenario"
+        " tells)"
+    )
 
 
 def _expect_different_records(runs: Sequence[RecordedRun], channel: str) -> None:
