@@ -89,6 +89,10 @@ def test_the_verdict_is_that_of_all_runs(folder, limit, verdict):
     assert done.output.startswith(f"Verdict: {verdict}")
 
 
+def test_a_pass_says_what_it_assumes_of_the_measuring_chain(folder):
+    assert "Assumed: the measuring chain takes nothing" in " ".join(report().output.split())
+
+
 def test_a_verdict_fails_by_one_run(folder):
     both_pass = report("--overwrite", runs=("A=0.uff", "A=1.uff"), limit="60 mN*m")
     assert both_pass.output.startswith("Verdict: pass")

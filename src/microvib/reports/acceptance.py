@@ -222,6 +222,8 @@ def _conclusion(test: AcceptanceTest) -> Iterator[str]:
         for run in test.runs:
             if run.judgement is not None and run.verdict != "pass":
                 yield f"{file_name(run.run.name)}: {run.judgement}"
+        passed = [run.judgement for run in test.runs if run.judgement and run.verdict == "pass"]
+        yield from dict.fromkeys(one.assumption for one in passed if one.assumption)
     for warning in test.run_warnings:
         yield f"Not passed while this is open: {warning}"
     if test.repeatability is not None:
