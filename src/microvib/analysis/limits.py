@@ -29,7 +29,7 @@ from microvib.analysis.margins import (
     frequency_error_bound,
     line_range,
     margin,
-    recorded_clock,
+    nominal_frequency,
     settling_advice,
     shared_amplitude_bound,
     unlisted_beside,
@@ -677,7 +677,7 @@ def _frequency_with_bound(line: Line, table: LineTable) -> tuple[float, float]:
     """Frequency of a line, found or expected, and to what it is known [Hz]; of a recording between where it is
     read and where the scenario's clock would have it.
     """
-    nominal = line.place / recorded_clock(table)
+    nominal = nominal_frequency(line, table)
     off = float(frequency_error_bound(line.place, line.frequency_uncertainty))
     return 0.5 * (line.place + nominal), 0.5 * abs(line.place - nominal) + off
 
@@ -925,7 +925,7 @@ def _certainly_within(one: Margin, limit: LimitCurve, table: LineTable) -> Margi
     that was found outside, or one of a recording where it is read or where the scenario's clock would have it.
     """
     line = one.line
-    clock, nominal = CLOCK_UNCERTAINTY * line.place, line.place / recorded_clock(table)
+    clock, nominal = CLOCK_UNCERTAINTY * line.place, nominal_frequency(line, table)
     if one.verdict != "fail" or (line.kind != "other" and nominal == line.place):
         return one
     if limit.holds(line.place, clock) and limit.holds(nominal, clock):

@@ -112,7 +112,7 @@ def line_range(
     off = float(frequency_error_bound(at, line.frequency_uncertainty))
     if line.status == NOISE_DRIVEN:  # other draws have it elsewhere in the mode's width
         off += (table.rest.resolution if table.rest else 0.0) + np.nan_to_num(line.decay) / math.pi
-    nominal = at / recorded_clock(table)
+    nominal = nominal_frequency(line, table)
     low, high = min(at, nominal) - off, max(at, nominal) + off
     if scenario is None or not line.is_mode or line.status == "ok":
         return low, high
@@ -123,13 +123,13 @@ def line_range(
     return low, high
 
 
-def recorded_clock(table: LineTable) -> float:
-    """Find the step clock of a recording over the scenario's, by which the drive may be off, or the recorder, whose
-    frequencies are then all wrong; 1 of a simulation.
+def nominal_frequency(line: Line, table: LineTable) -> float:
+    """Frequency [Hz] of a recorded line by the scenario's step clock: the drive may be off it, or the recorder, whose
+    frequencies are then all wrong. Of a simulation the line's own.
     """
     if table.clock_ratio is None or table.clock_ratio_uncertainty == 0.0:
-        return 1.0
-    return table.clock_ratio
+        return line.place
+    return line.place / table.clock_ratio
 
 
 def worst_verdict(verdicts: Iterable[Verdict | NoVerdict]) -> Verdict | NoVerdict:

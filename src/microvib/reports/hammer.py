@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_CHAIN_ERROR_TOLD = 0.005
+"""Relative error by a filter of the hammer's channel from which it is reported."""
+
+
 def hammer_outcome(test: HammerTest) -> Outcome:
     """A hammer test for those who read it: resonances with uncertainties, responses with coherence, and
     which blows were left out and why; files for the correction of recordings and for the virtual bench.
@@ -122,10 +126,6 @@ def _about_hammer_filter(test: HammerTest, name: str, highest: float) -> Iterato
             f" The response may be {100.0 * largest:.2g} % off up to {highest:.4g} Hz by it, which is in the"
             " uncertainty of recordings; take it out of the hammer's channel (response in the preparation file)."
         )
-
-
-_CHAIN_ERROR_TOLD = 0.005
-"""Part that a filter of the hammer's channel may take, from which it is told."""
 
 
 def _about_static_value(test: HammerTest, name: str) -> Iterator[str]:

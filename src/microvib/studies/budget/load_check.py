@@ -28,6 +28,8 @@ from microvib.studies.chain_filter import ChainFilter, LineRatio, find_filter
 MAX_LOAD_RATIO = 4.0
 """Factor between a recording's loads and the scenario's own from which one of them is wrong;
 assumed. Friction, gains and the array seldom change the loads of all lines together by more."""
+_CLOCK_OFF_TOLD = 1e-3
+"""Relative difference of a step clock from the scenario's from which it is reported."""
 _COUNTS = 0.1
 """Part of the line of sight's motion from which a component counts in it."""
 _UNLIKE_PART = 0.2
@@ -202,10 +204,6 @@ def _behind_filter(found: ChainFilter, step_clock: float, channel: str = "") -> 
     if off := off_clock_words(step_clock):
         why += f"; or the step clock, {off}, which moves lines beside a resonance"
     return open_gap(f"{why})", *found.taken_from)
-
-
-_CLOCK_OFF_TOLD = 1e-3
-"""Part from which a step clock off the scenario's is told."""
 
 
 def off_clock_words(ratio: float) -> str:
