@@ -180,9 +180,10 @@ def test_a_section_is_marked_and_processed_beside_its_background(
     assert mains == "mains? 2 x 50 Hz"
     assert lines[0].startswith("<b>drive_1</b>")
     assert "FAIL" in words(page, "#bands")
+    assert "A shows none of the main lines of B (drive_2 " in words(page, "#bands")
     bands = "document.querySelector('#bands-plot')"
     verdicts = page.evaluate(f"{bands}.layout.annotations.map((one) => one.text)")
-    assert [text.partition(",")[0] for text in verdicts] == ["<b>FAIL</b>", "<b>pass</b>"]
+    assert [text.partition(",")[0] for text in verdicts] == ["<b>FAIL</b>", "<b>not judged</b>"]
     low, high = page.evaluate(f"[{bands}.data[0].x[0], {bands}.data[0].x.at(-1)]")
     assert start < low < high < stop
     levels = "document.querySelector('#waterfall-plot').data[0]"

@@ -67,7 +67,8 @@ three uncertainties.
 _MOST_NAMED = 4
 _WHY_ALL_LACK = "was the drive running, and are channel, unit of measure and gain right?"
 _WHY_BAND_LACKS = (
-    "does a filter in the chain or its passband hold them back (response of the preparation file)?"
+    "does a filter in the chain or its passband hold them back (response of the preparation file), "
+    "or is the scenario that of another drive?"
 )
 
 
