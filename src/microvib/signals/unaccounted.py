@@ -330,35 +330,36 @@ def _in_pieces(
     starts = np.arange(0, x.size - length + 1, length // _STARTS)
     if starts[-1] != x.size - length:
         starts = np.append(starts, x.size - length)
-    samples, lines = (_power(_pieces(y, length, starts), sample_rate) for y in (x, model))
+    samples, lines = (_power_of_pieces(y, length, starts, sample_rate) for y in (x, model))
     begun = np.concatenate([[0.0], starts / sample_rate, [(x.size - length // 2) / sample_rate]])
-    mirrored = np.ones(begun.size + 2)
-    mirrored[[0, -3, *_TURNED_OVER]] = 0.5
-    unknown = np.maximum(np.sum((samples - lines)[:, _FIRST:], axis=1), 0.0)
-    heard = np.where(mirrored < 1.0, _BENT**2 * unknown, 0.0)
+    own = np.ones(begun.size)  # part of a piece that is not an image of the rest
+    own[[0, -1]] = 0.5
+    unknown = np.maximum(np.sum((samples - lines)[..., _FIRST:], axis=-1), 0.0)
+    bent = np.where(own < 1.0, _BENT**2 * unknown, 0.0)
     for k, after in _wide_enough(bands.edges, duration):
         low, high = float(bands.edges[k]), float(bands.edges[after])
         bins = slice(math.ceil(low * duration) - _LOBE, math.ceil(high * duration) + _LOBE)
-        all_of, of_lines = samples[:, bins].sum(axis=1), lines[:, bins].sum(axis=1)
+        all_of, of_lines = samples[..., bins].sum(axis=-1), lines[..., bins].sum(axis=-1)
         density = bands.floor[:, k:after]
         noise, at_most = density @ np.diff(bands.edges[k : after + 1])
         noise, at_most = np.array([noise, at_most]) + density.max(axis=1) * 2.0 * _LOBE / duration
         free = max((high - low) * duration / _WIDE, 1.0)  # pairs of degrees of freedom
-        by_chance = at_most * gammainccinv(free * mirrored, _BY_CHANCE) / (free * mirrored)
-        scatter = density[1].max() * _WIDE / (duration * mirrored)
+        by_chance = at_most * gammainccinv(free * own, _BY_CHANCE) / (free * own)
+        scatter = density[1].max() * _WIDE / (duration * own)
         under = _SIGMAS * np.sqrt(2.0 * of_lines * scatter)
         known = (1.0 + bands.line_error) ** 2 * of_lines
         if not np.any(all_of > known + under + by_chance):
             continue
         more = np.where(all_of > known + under + by_chance, all_of - known - noise, 0.0)
-        more[more < heard] = 0.0
-        rows = _least_at_ends(more)
-        more, all_of, of_lines = more[rows], all_of[rows], of_lines[rows]
+        more[more < bent] = 0.0
+        image = np.argmin(more, axis=0)  # the one beside which less is left
+        least = image, np.arange(begun.size)
+        more, all_of, of_lines = more[least], all_of[least], of_lines[least]
         i = int(np.argmax(more))
         if more[i] == 0.0:
             continue
-        own = samples[rows[i]], lines[rows[i]]
-        part = _loudest_part(*own, bands.edges[k : after + 1] * duration)
+        loudest = samples[image[i], i], lines[image[i], i]
+        part = _loudest_part(*loudest, bands.edges[k : after + 1] * duration)
         if part is None:
             continue
         start, stop, times = _loud(all_of, i, begun, duration)
@@ -372,38 +373,28 @@ def _in_pieces(
         )  # fmt: skip
 
 
-_TURNED_OVER = -2, -1
-"""Rows of the pieces at the start and at the end of a record beside a mirror image that is turned over."""
-
-
-def _pieces(x: np.ndarray, length: int, starts: np.ndarray) -> np.ndarray:
-    """Pieces of a ``length`` of samples ``x`` (n,) at their ``starts`` (p,), before and after these half a
-    piece at the start and at the end of the record, beside its mirror image, and both beside one that is
-    turned over, (p + 4, length).
+def _power_of_pieces(
+    x: np.ndarray, length: int, starts: np.ndarray, sample_rate: float
+) -> np.ndarray:
+    """Mean squares of bins of pieces of a ``length`` of samples ``x`` (n,), in the order of time, that begin at
+    their ``starts`` (p,), and first and last of half a piece at an end of the record beside its mirror image:
+    upright, and turned over, (2, p + 2, length//2 + 1).
 
     A window fades towards the ends of its piece: what grows up to the end of the record is at its largest
     where no piece of the record itself would see it. What is slow is bent by one of the mirror images only.
     """
     half, other = length // 2, length - length // 2
     before, after = x[:half][::-1], x[-half:][::-1]
-    inside = np.lib.stride_tricks.sliding_window_view(x, length)[starts]
-    upright = np.concatenate([before, x[:other]]), np.concatenate([x[-other:], after])
-    turned_over = (
-        np.concatenate([2.0 * x[0] - before, x[:other]]),
-        np.concatenate([x[-other:], 2.0 * x[-1] - after]),
-    )
-    return np.vstack([upright[0], inside, upright[1], *turned_over])
+    inside = _power(np.lib.stride_tricks.sliding_window_view(x, length)[starts], sample_rate)
 
+    def with_images(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        ends = np.concatenate([before, x[:other]]), np.concatenate([x[-other:], after])
+        first, last = _power(np.stack(ends), sample_rate)
+        return np.vstack([first, inside, last])
 
-def _least_at_ends(more: np.ndarray) -> np.ndarray:
-    """Rows (p + 2,) of the pieces, at both ends of the record those of the mirror image with which there is
-    less of the excess ``more`` (p + 4,).
-    """
-    rows = np.arange(more.size - 2)
-    for end, other in zip((0, -1), _TURNED_OVER, strict=True):
-        if more[other] < more[rows[end]]:
-            rows[end] = more.size + other
-    return rows
+    upright = with_images(before, after)
+    turned_over = with_images(2.0 * x[0] - before, 2.0 * x[-1] - after)
+    return np.stack([upright, turned_over])
 
 
 def _lines_in_pieces(
