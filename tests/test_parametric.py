@@ -27,6 +27,8 @@ from microvib.model.parametric import (
 )
 from microvib.model.scenario import Scenario
 from microvib.model.turning import turning_drive
+from microvib.studies.budget.files import Requirements
+from microvib.studies.budget.study import pointing_budget
 from microvib.studies.quiet.measure import measure_lines
 
 SOFT = {
@@ -239,6 +241,29 @@ def test_two_drives_feed_a_mode_in_which_both_wings_swing_together() -> None:
     judged = judge(table, limit_of(10.0, 0.5, 300.0), craft)
     assert judged.verdict == "not judged"
     assert "by both drives together" in str(judged)
+
+
+def test_two_scenarios_feed_a_mode_together_as_one_of_both_wings_does() -> None:
+    wings = _two_wings()
+    one, other = wings["spacecraft"], wings["spacecraft"]["second_wing"]["interface"]
+    first = {**one, "second_wing": {"interface": other, "drive": "held"}}
+    second = {
+        **one,
+        "interface": other,
+        "second_wing": {"interface": one["interface"], "drive": "held"},
+    }
+    sight = {"boresight": [0, 0, 1]}
+    drives = [
+        mv.load_scenario("state-1").with_({**wings, "spacecraft": {**each, "line_of_sight": sight}})
+        for each in (first, second)
+    ]
+    asked = Requirements(requirements=[{"metric": "ape", "limit": "1 rad"}])
+    judged = pointing_budget(drives, asked, steady=True).judged[0]
+    assert judged.verdict == "not judged"
+    assert any("by both drives together" in why for why in judged.why)
+    apart = [drive.with_({"tracking.rate": "0.7 deg/s"}) for drive in drives]
+    judged = pointing_budget(apart, asked, steady=True).judged[0]
+    assert not any("by both drives together" in why for why in judged.why)
 
 
 def _two_wings() -> dict[str, Any]:

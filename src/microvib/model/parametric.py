@@ -141,16 +141,26 @@ def _growth(
 
 @lru_cache(maxsize=32)
 def modes_fed_by_both_drives(scenario: Scenario) -> tuple[str, ...]:
+    """Modes of a craft with two driven wings of which ``modes_fed_together`` tells; none where one wing is driven."""
+    second = scenario.driven_wing
+    if second is None:
+        return ()
+    return modes_fed_together(scenario.alone, second.alone)
+
+
+def modes_fed_together(first: Scenario, second: Scenario) -> tuple[str, ...]:
     """Find the modes of a craft that two drives which step feed by more than their decay together.
 
     Of a mode in which both wings swing each drive sees half the energy while the other one stands: together
     they may keep ringing what neither does alone, by what varies over the angle, by windings that take damping
     away, or by friction that falls with the rate. Phases are taken as those that feed most.
+
+    Parameters
+    ----------
+    first, second : Scenario
+        Each drive on the craft, while the other one stands.
     """
-    second = scenario.driven_wing
-    if second is None:
-        return ()
-    drives = scenario.alone, second.alone
+    drives = first, second
     modes = [sorted(coupled_modes(one), key=lambda mode: mode.frequency) for one in drives]
     if len(modes[0]) != len(modes[1]):
         return ()

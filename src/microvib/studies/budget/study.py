@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +29,7 @@ from microvib.model.coupling import require_craft, source_of
 from microvib.model.drive_states import MAY_STICK, SLIDES, Sticking
 from microvib.model.hub_edge import hub_edge
 from microvib.model.line_names import SECOND_DRIVE, is_unlisted
-from microvib.model.parametric import modes_fed_by_both_drives
+from microvib.model.parametric import modes_fed_together
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
@@ -288,7 +289,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
         beside = with_craft_of_cases(beside, *read_sources(sources, files), ensemble, sticking)
         if measured is not None:
             found[0] = _with_cases_of_another(found[0])
-    of_craft = (*_unobserved_axes(first.scenario), *_fed_by_both_drives(whole))
+    of_craft = (*_unobserved_axes(first.scenario), *_fed_by_two_drives(drives))
     found[0] = replace(found[0], gaps=(*found[0].gaps, *of_craft))
     found, without = _with_lacking(found, drives)
     found = [*(replace(one, edge=hub_edge(first.scenario)) for one in found), *beside]
@@ -621,10 +622,11 @@ def _unobserved_axes(scenario: Scenario) -> tuple[Unobserved, ...]:
     )
 
 
-def _fed_by_both_drives(scenario: Scenario) -> Iterator[Unobserved]:
-    """The gap of modes that both drives of a craft keep ringing together."""
-    if fed := modes_fed_by_both_drives(scenario):
-        yield open_gap(both_drives_reason(fed))
+def _fed_by_two_drives(drives: Sequence[_Drive]) -> Iterator[Unobserved]:
+    """The gaps of modes that two drives of a craft keep ringing together."""
+    for one, other in combinations(drives, 2):
+        if fed := modes_fed_together(one.scenario, other.scenario):
+            yield open_gap(both_drives_reason(fed))
 
 
 def both_wings(
