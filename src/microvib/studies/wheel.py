@@ -25,6 +25,7 @@ from microvib.studies.wheel_fit import (
     read_order,
 )
 from microvib.studies.wheel_gaps import Fit, failed_speeds, require_power, usable_bins
+from microvib.studies.wheel_masked import held_at_all_speeds
 
 COEFFICIENT = Measure(form=".4g")
 SPEED = Measure("rpm", 2.0 * np.pi / 60.0, ".5g", file_size=2.0 * np.pi / 60.0)
@@ -220,6 +221,7 @@ def _fits(
         readings = [read_order(one, x.values[0], search.ridges, kept[load]) for x in orders]
         own = find_modes(load, readings, whirls)
         modes += own
+        of_load: list[Fit] = []
         for reading in readings:
             factor = amplification_of(own, reading)
             alone = (
@@ -232,7 +234,8 @@ def _fits(
                 factor_at_all = factor_of(own, reading.order, one.speed)
                 bound = bound_coefficient(one, reading.order, factor_at_all, kept[load])
                 c = replace(c, most=bound, bounded=True)
-            fits.append(Fit(load, reading, factor, c))
+            of_load.append(Fit(load, reading, factor, c))
+        fits += held_at_all_speeds(of_load, one, search.ridges, own, kept[load])
     if "radial_torque" not in maps:
         modes += find_modes("radial_torque", _NONE, whirls)
     return fits, modes

@@ -19,6 +19,8 @@ _TWO_SIDED = 2.0
 _UNKNOWN_DAMPING, _UNKNOWN_RATIO = 2.0, 0.1
 """Factor of a damping that only the width of a ridge tells, and by how much its ratio of inertias may be off
 (assumed)."""
+_LEAST_DAMPING = 1e-4
+"""Least damping that a mode is taken to have where a fit tells nothing of it (assumed)."""
 _LARGEST_DAMPING, _LARGEST_ERROR = 0.5, 0.45
 """Largest that a budget takes."""
 _DETECTED = 0.998
@@ -47,6 +49,8 @@ _CAPPED = 1.0
 """Largest deviation of a logarithm that counts among trial modes."""
 _DAMPINGS = (0.003, 0.01, 0.03, 0.08)
 _ITERATIONS = 12
+_PARTS_OFF = np.linspace(-1.0, 1.0, 65)
+"""Parts of what a mode's frequency may be off at which its factor is looked at."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +83,12 @@ class Reading:
     @property
     def at_least(self) -> np.ndarray:
         """Power that an order has for sure, (n,); 0 where none is seen."""
+        return self.sure_part(self.seen)
+
+    def sure_part(self, power: np.ndarray) -> np.ndarray:
+        """What of a ``power`` (n,) the floor does not make, (n,)."""
         own = _KNOWN * np.sqrt(self.gain * np.maximum(self.power, 0.0))
-        return np.asarray(np.where(self.seen > self.limit, np.maximum(self.seen - own, 0.0), 0.0))
+        return np.asarray(np.where(power > self.limit, np.maximum(power - own, 0.0), 0.0))
 
     def where(self, chosen: np.ndarray) -> Reading:
         """Only the chosen speeds."""
@@ -115,8 +123,12 @@ class FoundMode:
     def dampings(self) -> tuple[float, float]:
         """Between which its damping is with a probability of 95 %; assumed where the fit does not tell."""
         error = self.uncertainty[1] / self.damping
-        factor = _UNKNOWN_DAMPING if np.isnan(error) else math.exp(_TWO_SIDED * error)
-        return self.damping / factor, min(self.damping * factor, _LARGEST_DAMPING)
+        log = math.log(_UNKNOWN_DAMPING) if np.isnan(error) else _TWO_SIDED * error
+        lightest, heaviest = min(_LEAST_DAMPING, self.damping), max(_LARGEST_DAMPING, self.damping)
+        return (
+            math.exp(max(math.log(self.damping) - log, math.log(lightest))),
+            math.exp(min(math.log(self.damping) + log, math.log(heaviest))),
+        )
 
     def frequency_error(self, speed: float) -> float:
         """Part by which its frequency, or those of its whirl up to a ``speed`` [rad/s], may be off with a
@@ -161,7 +173,7 @@ def read_order(
     that are ``kept`` (n,).
     """
     f = order * one.speed / (2.0 * np.pi)
-    reach = one.lobe + np.ceil(0.5 * order * one.smear / (2.0 * np.pi * one.spacing)).astype(int)
+    reach = bins_beside(one, order)
     clear = one.bins(f) - reach >= 1
     clear &= one.bins(f) + reach < one.frequency.size
     for ridge in ridges:
@@ -179,6 +191,12 @@ def read_order(
     return Reading(
         order, one.speed[clear], power, still, gain, _largest_of_noise(mean, still), seen
     )
+
+
+def bins_beside(one: PowerMap, order: float) -> np.ndarray:
+    """Bins on either side of an order that hold its power at each speed, (n,)."""
+    smear = order * one.smear / (2.0 * np.pi * one.spacing)
+    return one.lobe + np.ceil(0.5 * smear).astype(int)
 
 
 def _read_cell(
@@ -242,6 +260,37 @@ def factor_of(modes: Sequence[FoundMode], order: float, speed: np.ndarray) -> np
         mode = np.array([one.frequency, one.damping, one.inertia_ratio])
         way = one.ways.get(order, 1.0)
         total += log_factor(mode, order * speed / (2.0 * np.pi), speed, way)
+    return np.exp(total)
+
+
+def largest_factor(modes: Sequence[FoundMode], order: float, speed: np.ndarray) -> np.ndarray:
+    """Largest factor of the modes on an order at speeds (n,) [rad/s], within what their frequencies and
+    dampings may be off and, of whirl, by loads that go round either way.
+    """
+    total = np.zeros(speed.size)
+    for one in modes:
+        off = np.array([one.frequency_error(x) for x in speed.tolist()])
+        lightest = one.dampings[0]
+        either = (1.0, -1.0) if one.motion == "rocking" else (1.0,)
+        total += np.max(
+            [
+                log_factor(
+                    np.stack(
+                        [
+                            one.frequency * (1.0 + part * off),
+                            np.full(speed.size, lightest),
+                            np.full(speed.size, one.inertia_ratio),
+                        ]
+                    ),
+                    order * speed / (2.0 * np.pi),
+                    speed,
+                    way,
+                )
+                for part in _PARTS_OFF
+                for way in either
+            ],
+            axis=0,
+        )
     return np.exp(total)
 
 
