@@ -86,7 +86,7 @@ class Reading:
         return self.sure_part(self.seen)
 
     def sure_part(self, power: np.ndarray) -> np.ndarray:
-        """What of a ``power`` (n,) the floor does not make, (n,)."""
+        """Part of a ``power`` (n,) that the floor does not make, (n,)."""
         own = _KNOWN * np.sqrt(self.gain * np.maximum(self.power, 0.0))
         return np.asarray(np.where(power > self.limit, np.maximum(power - own, 0.0), 0.0))
 

@@ -1,4 +1,4 @@
-"""What a wheel's orders may be at the speeds that their coefficients are not from: where other ridges mask
+"""Bounds on a wheel's orders at the speeds that their coefficients are not from: where other ridges mask
 them, and near modes.
 
 A resonance that no fit has found may be at these speeds alone. So the largest coefficients are held against
