@@ -4,7 +4,7 @@ ridges, and the files that a budget reads.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +21,7 @@ from microvib.studies.wheel import (
     HarmonicRow,
     MeasuredWheel,
     ModeRow,
+    Resonance,
     UnexplainedRow,
     speeds_in_words,
 )
@@ -35,6 +36,8 @@ _DECADES = 3.0
 _ACROSS = ("radial_force", "radial_torque")
 """Loads across the spin axis, which have two axes."""
 _RPM = 2.0 * np.pi / 60.0
+_MOST_NAMED = 4
+"""Resonances without mode that the terminal names."""
 _MODE_COLOUR = "#ff5c5c"
 _HARMONICS_CAPTION = (
     "Coefficients times the square of the speed are amplitudes, 0-to-peak. Least and most are the ends of"
@@ -42,8 +45,9 @@ _HARMONICS_CAPTION = (
     " that is not seen in a load may be up to *most*."
 ).replace("*", "")
 _MODES_CAPTION = (
-    "± are standard uncertainties of the fit. The budget's file has twice these; a damping that only the width"
-    " of a ridge tells counts from half to twice as much (assumed)."
+    "± are standard uncertainties of the fit, and least and most the ends of a damping with 95 % (0.0001 where no"
+    " speed is near enough to the peak to tell). The budget's file has twice ±; a damping that only the width of a"
+    " ridge tells counts from half to twice as much (assumed)."
 )
 _USE = (
     "`wheel.yaml` is a file of sources for `microvib budget --sources wheel.yaml`, once the wheel's place and"
@@ -119,6 +123,8 @@ def _about(found: MeasuredWheel) -> Iterator[tuple[str, str]]:
             " are taken out of one_axis in wheel.yaml",
         )
     yield from (("Note", text) for text in _left_out(found))
+    if found.resonances:
+        yield "Note", _resonances_in_words(found.resonances)
     speed = found.measured
     gap = float(np.max(np.diff(speed)))
     if gap > 4.0 * float(np.median(np.diff(speed))):
@@ -127,6 +133,19 @@ def _about(found: MeasuredWheel) -> Iterator[tuple[str, str]]:
         yield "Note", f"no speed was measured between {ends[0]:.5g} and {ends[1]:.5g} rpm"
     if found.left_out:
         yield "Note", f"{found.left_out} more peaks are of no ridge"
+
+
+def _resonances_in_words(resonances: Sequence[Resonance]) -> str:
+    """A sentence on resonances that no mode explains."""
+    first = [
+        f"{one.load.replace('_', ' ')}, order {one.order:.4g}, {one.speed / _RPM:.5g} to {one.speed_to / _RPM:.5g} rpm"
+        for one in resonances[:_MOST_NAMED]
+    ]
+    more = f" and {len(resonances) - _MOST_NAMED} more" if len(resonances) > _MOST_NAMED else ""
+    return (
+        "resonances that no mode explains, or peaks of no order, which may be larger between measured speeds:"
+        f" {'; '.join(first)}{more} (measure at speeds closer together there); a budget judges nothing there"
+    )
 
 
 def _left_out(found: MeasuredWheel) -> Iterator[str]:
@@ -203,6 +222,13 @@ def wheel_yaml(found: MeasuredWheel) -> str:
         lines.append(
             f"      one_axis: [{', '.join(one_axis)}]  # leave out what is equal about both"
         )
+    if found.resonances:
+        lines.append(
+            "      resonances:  # that no mode explains, or peaks of no order: nothing is judged there"
+        )
+    for one in found.resonances:
+        ends = f"speed: {one.speed / _RPM:.9g} rpm, speed_to: {one.speed_to / _RPM:.9g} rpm"
+        lines.append(f"        - {{load: {one.load}, order: {one.order:.5g}, {ends}}}")
     if found.modes:
         lines.append("      modes:")
     for x in found.modes:

@@ -64,7 +64,8 @@ class ModeRow:
     frequency: Annotated[float, Column("frequency_hz", "frequency at rest", FREQUENCY)]
     frequency_error: Annotated[float, Column("frequency_uncertainty_hz", "±", FREQUENCY)]
     damping: Annotated[float, Column("damping", "damping", RATIO)]
-    damping_error: Annotated[float, Column("damping_uncertainty", "±", Measure(form=".2g"))]
+    damping_least: Annotated[float, Column("damping_least", "least", RATIO)]
+    damping_most: Annotated[float, Column("damping_most", "most", RATIO)]
     ratio: Annotated[float, Column("inertia_ratio", "inertia ratio", RATIO)]
     ratio_error: Annotated[float, Column("inertia_ratio_uncertainty", "±", Measure(form=".2g"))]
     how: Annotated[str, Column("found_by", "found by")]
@@ -80,6 +81,20 @@ class UnexplainedRow:
     speed: Annotated[float, Column("speed_rpm", "at", SPEED)]
     amplitude: Annotated[float, Column("amplitude", "amplitude", COEFFICIENT)]
     unit: Annotated[str, Column("unit", "unit")]
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """Speeds between which an order has a resonance in a load that no mode explains, or a peak that is of no
+    order.
+    """
+
+    load: str
+    order: float
+    speed: float
+    """[rad/s]."""
+    speed_to: float
+    """[rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +143,23 @@ class MeasuredWheel:
         one = next(iter(self.maps.values()))
         return float(one.frequency[-1])
 
+    @property
+    def resonances(self) -> list[Resonance]:
+        """Resonances of its orders that no mode explains, and the named peaks that are of no order."""
+        found = [
+            Resonance(load, one.order, *ends)
+            for one in self.harmonics
+            for load, c in one.coefficients.items()
+            for ends in c.resonances
+        ]
+        for row in self.unexplained:
+            if np.isfinite(row.speed):
+                at = int(np.argmin(np.abs(self.measured - row.speed)))
+                near = self.measured[[max(at - 1, 0), min(at + 1, self.measured.size - 1)]]
+                order = 2.0 * np.pi * row.frequency / row.speed
+                found.append(Resonance(row.load.replace(" ", "_"), order, *near.tolist()))
+        return found
+
     def harmonic_rows(self) -> list[HarmonicRow]:
         """Harmonics by order and load."""
         return [
@@ -143,9 +175,9 @@ class MeasuredWheel:
         """Modes with their uncertainties."""
         return [
             ModeRow(
-                x.motion, x.frequency, x.uncertainty[0], x.damping, x.uncertainty[1],
+                x.motion, x.frequency, x.uncertainty[0], x.damping, *x.dampings,
                 x.inertia_ratio if x.motion == "rocking" else np.nan,
-                x.uncertainty[2] if x.motion == "rocking" else np.nan, x.how,
+                x.uncertainty[1] if x.motion == "rocking" else np.nan, x.how,
             )
             for x in self.modes
         ]  # fmt: skip
@@ -233,7 +265,7 @@ def _fits(
             if not np.isfinite(c.most):
                 factor_at_all = factor_of(own, reading.order, one.speed)
                 bound = bound_coefficient(one, reading.order, factor_at_all, kept[load])
-                c = replace(c, most=bound, bounded=True)
+                c = replace(c, most=bound, usual=bound, bounded=True)
             of_load.append(Fit(load, reading, factor, c))
         fits += held_at_all_speeds(of_load, one, search.ridges, own, kept[load])
     if "radial_torque" not in maps:

@@ -49,6 +49,13 @@ _CAPPED = 1.0
 """Largest deviation of a logarithm that counts among trial modes."""
 _DAMPINGS = (0.003, 0.01, 0.03, 0.08)
 _ITERATIONS = 12
+_DAMPING = 1
+"""Number of a mode's damping among its parameters."""
+_LEAST_SCATTER = 0.01
+"""Least standard deviation of the logarithm of readings."""
+_HALVINGS = 7
+_BEYOND = 2.0
+"""Factor by which the frequency of a mode may be beyond those of the readings."""
 _PARTS_OFF = np.linspace(-1.0, 1.0, 65)
 """Parts of what a mode's frequency may be off at which its factor is looked at."""
 
@@ -112,29 +119,20 @@ class FoundMode:
     """At rest [Hz]."""
     damping: float
     inertia_ratio: float
-    uncertainty: tuple[float, float, float]
-    """Standard uncertainties of frequency [Hz], damping and ratio; nan where not known."""
+    uncertainty: tuple[float, float]
+    """Standard uncertainties of frequency [Hz] and ratio; nan where not known."""
+    dampings: tuple[float, float]
+    """Between which its damping is with a probability of 95 %; assumed where it has a ridge alone."""
     how: str
     """*orders* that rise near it, or a *ridge* of its own."""
     ways: Mapping[float, float]
     """Direction in which orders fit best that cross it, 1 with the wheel and -1 against it."""
 
-    @property
-    def dampings(self) -> tuple[float, float]:
-        """Between which its damping is with a probability of 95 %; assumed where the fit does not tell."""
-        error = self.uncertainty[1] / self.damping
-        log = math.log(_UNKNOWN_DAMPING) if np.isnan(error) else _TWO_SIDED * error
-        lightest, heaviest = min(_LEAST_DAMPING, self.damping), max(_LARGEST_DAMPING, self.damping)
-        return (
-            math.exp(max(math.log(self.damping) - log, math.log(lightest))),
-            math.exp(min(math.log(self.damping) + log, math.log(heaviest))),
-        )
-
     def frequency_error(self, speed: float) -> float:
         """Part by which its frequency, or those of its whirl up to a ``speed`` [rad/s], may be off with a
         probability of 95 %; what the ratio of inertias is off by moves whirl.
         """
-        own, _, of_ratio = self.uncertainty
+        own, of_ratio = self.uncertainty
         found = own / self.frequency
         if self.motion == "rocking":
             off = _UNKNOWN_RATIO / _TWO_SIDED if np.isnan(of_ratio) else of_ratio
@@ -164,6 +162,11 @@ class Coefficient:
     """Speeds [rad/s] at which it has less than half of its amplitude; ``least`` holds them."""
     large: tuple[float, ...] = ()
     """Speeds [rad/s] at which it is seen and larger than elsewhere; ``most`` holds them."""
+    usual: float = math.inf
+    """End of its interval without what it has at single speeds."""
+    resonances: tuple[tuple[float, float], ...] = ()
+    """Speeds [rad/s] between which it has a resonance that no mode explains, and may be larger than it was
+    seen at any speed."""
 
 
 def read_order(
@@ -320,14 +323,15 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
     weak = is_weak(one, (shown or 0.0) * x)
     q, reach, seen = _ratio_and_reach(one.where(~weak), x[~weak], first)
     lowest, highest = _ratios_held(one, x, weak)
-    most = math.sqrt(max(q + reach, highest))
+    usual, most = math.sqrt(q + reach), math.sqrt(max(q + reach, highest))
     if not seen:
         large = tuple(one.speed[one.at_least > 0.0].tolist())
-        return Coefficient(0.0, 0.0, most, int(used.sum()), near_modes, large=large)
+        return Coefficient(0.0, 0.0, most, int(used.sum()), near_modes, large=large, usual=usual)
     return Coefficient(
         math.sqrt(q), math.sqrt(max(min(q - reach, lowest), 0.0)), most, int(np.sum(~weak)), near_modes,
         weak=tuple(one.speed[weak].tolist()),
         large=tuple(one.speed[one.at_least / x > _LARGE * (q + reach)].tolist()),
+        usual=usual,
     )  # fmt: skip
 
 
@@ -398,7 +402,7 @@ def over_axes(mean: Coefficient, axes: Sequence[Coefficient]) -> Coefficient:
     apart = max(one.least for one in axes) > min(one.most for one in axes)
     told = [mean, *axes]
     return replace(
-        mean, least=least, most=most, axes_differ=apart,
+        mean, least=least, most=most, axes_differ=apart, usual=max(one.usual for one in (mean, *axes)),
         weak=max((one.weak for one in told), key=len), large=max((one.large for one in told), key=len),
     )  # fmt: skip
 
@@ -483,9 +487,8 @@ def _is_same(mode: FoundMode, ridge: Ridge) -> bool:
 def _of_ridge(ridge: Ridge) -> FoundMode:
     f0, ratio = ridge.values
     damping = min(max(0.5 * ridge.width / f0, 1e-4), 0.5)
-    return FoundMode(
-        "rocking", f0, damping, ratio, (ridge.uncertainty, np.nan, np.nan), "ridge", {}
-    )
+    ends = damping / _UNKNOWN_DAMPING, min(damping * _UNKNOWN_DAMPING, _LARGEST_DAMPING)
+    return FoundMode("rocking", f0, damping, ratio, (ridge.uncertainty, np.nan), ends, "ridge", {})
 
 
 def _rise(one: Reading) -> _Rise:
@@ -515,7 +518,7 @@ def _next_mode(motion: str, rises: Sequence[_Rise]) -> FoundMode | None:
     trial = _best_trial(rises, rocking)
     ways = {x.order: _way(trial, x) if rocking else 1.0 for x in rises}
     before = sum(float(np.sum(_spread_of(x))) for x in rises)
-    mode, error, after = _polished(trial, rises, ways, rocking)
+    mode, error, ends, after = _polished(trial, rises, ways, rocking)
     count = sum(x.log.size for x in rises)
     parameters = 3 if rocking else 2
     gain = 2.0 * count * np.log(max(before, 1e-9) / max(after, 1e-9)) - parameters * np.log(count)
@@ -524,7 +527,7 @@ def _next_mode(motion: str, rises: Sequence[_Rise]) -> FoundMode | None:
         return None
     return FoundMode(
         motion, float(mode[0]), float(mode[1]), float(mode[2]),
-        tuple(error.tolist()), "orders", ways,
+        tuple(error.tolist()), ends, "orders", ways,
     )  # fmt: skip
 
 
@@ -559,42 +562,109 @@ def _raised(mode: np.ndarray, one: _Rise, way: float) -> int:
     return int(np.sum((factor > _RAISED) & (one.log - level > _RAISED)))
 
 
-def _polished(
-    trial: np.ndarray, rises: Sequence[_Rise], ways: Mapping[float, float], rocking: bool
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """The mode that fits best near a trial, its standard uncertainties, and their capped deviation."""
-    from scipy.optimize import least_squares
+class _Misfit:
+    """Deviations of some orders from a mode and their own levels, by the logarithms of its frequency and
+    damping, its ratio where it rocks, and the levels.
+    """
 
-    number = 3 if rocking else 2
+    def __init__(self, rises: Sequence[_Rise], ways: Mapping[float, float], rocking: bool) -> None:
+        self._rises, self._ways = rises, ways
+        self.number = 3 if rocking else 2
+        """Parameters of the mode."""
+        levels = len(rises)
+        self.low = np.full(self.number + levels, -np.inf)
+        self.high = -self.low
+        measured = np.concatenate([one.frequency for one in rises])
+        self.low[0] = np.log(float(measured.min()) / _BEYOND)
+        self.high[0] = np.log(float(measured.max()) * _BEYOND)
+        self.low[_DAMPING], self.high[_DAMPING] = np.log(_LEAST_DAMPING), np.log(_LARGEST_DAMPING)
+        if rocking:
+            self.low[2], self.high[2] = 0.0, 2.0
 
-    def unpacked(p: np.ndarray) -> np.ndarray:
-        ratio = p[2] if rocking else 0.0
-        return np.array([np.exp(p[0]), np.exp(p[1]), ratio])
+    def start(self, trial: np.ndarray) -> np.ndarray:
+        """Parameters of a trial mode (3,), with the levels that fit it."""
+        levels = [float(np.median(one.log - self._factor(trial, one))) for one in self._rises]
+        found = np.r_[np.log(trial[:2]), trial[2 : self.number], levels]
+        return np.clip(found, self.low + 1e-9, self.high - 1e-9)
 
-    def deviation(p: np.ndarray) -> np.ndarray:
-        mode = unpacked(p)
+    def mode(self, p: np.ndarray) -> np.ndarray:
+        """Frequency [Hz], damping and ratio."""
+        return np.array([np.exp(p[0]), np.exp(p[1]), p[2] if self.number == 3 else 0.0])
+
+    def deviations(self, p: np.ndarray) -> np.ndarray:
+        """Logarithms of readings over the fit, of one order after another, (n,)."""
+        mode, levels = self.mode(p), p[self.number :]
         return np.concatenate(
             [
-                x.log - log_factor(mode, x.frequency, x.speed, ways[x.order]) - p[number + k]
-                for k, x in enumerate(rises)
+                one.log - self._factor(mode, one) - level
+                for one, level in zip(self._rises, levels, strict=True)
             ]
         )
 
-    levels = [
-        float(np.median(x.log - log_factor(trial, x.frequency, x.speed, ways[x.order])))
-        for x in rises
-    ]
-    start = np.r_[np.log(trial[:2]), trial[2:number], levels]
-    low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
-    low[1], high[1] = np.log(2e-4), np.log(0.5)
-    if rocking:
-        low[2], high[2] = 0.0, 2.0
-    start = np.clip(start, low + 1e-9, high - 1e-9)
-    fit = least_squares(deviation, start, loss="soft_l1", f_scale=0.05, bounds=(low, high))
-    mode, left = unpacked(fit.x), deviation(fit.x)
-    spread = max(1.4826 * float(np.median(np.abs(left))), 1e-4)
-    J = fit.jac
-    error = spread * np.sqrt(np.maximum(np.diag(np.linalg.pinv(J.T @ J)), 0.0))
-    ratio = float(error[2]) if rocking else 0.0
-    errors = np.array([mode[0] * error[0], mode[1] * error[1], ratio])
-    return mode, errors, float(np.sum(np.minimum(np.abs(left), _CAPPED)))
+    def scatter(self, left: np.ndarray) -> np.ndarray:
+        """Standard deviation of the readings of each order, by what a fit has ``left`` (n,), (n,)."""
+        ends = np.cumsum([one.log.size for one in self._rises])
+        of_each = [_spread_about_zero(own) for own in np.split(left, ends[:-1])]
+        return np.repeat(of_each, np.diff(ends, prepend=0))
+
+    def _factor(self, mode: np.ndarray, one: _Rise) -> np.ndarray:
+        return log_factor(mode, one.frequency, one.speed, self._ways[one.order])
+
+
+def _spread_about_zero(left: np.ndarray) -> float:
+    return max(1.4826 * float(np.median(np.abs(left))), _LEAST_SCATTER)
+
+
+def _polished(
+    trial: np.ndarray, rises: Sequence[_Rise], ways: Mapping[float, float], rocking: bool
+) -> tuple[np.ndarray, np.ndarray, tuple[float, float], float]:
+    """The mode that fits best near a trial, standard uncertainties of its frequency [Hz] and ratio, the ends of
+    its damping, and the capped deviation.
+    """
+    from scipy.optimize import least_squares
+
+    misfit = _Misfit(rises, ways, rocking)
+    fit = least_squares(
+        misfit.deviations, misfit.start(trial), loss="soft_l1", f_scale=0.05,
+        bounds=(misfit.low, misfit.high),
+    )  # fmt: skip
+    mode, left = misfit.mode(fit.x), misfit.deviations(fit.x)
+    scatter = misfit.scatter(left)
+    weighted = fit.jac / scatter[:, None]
+    error = np.sqrt(np.maximum(np.diag(np.linalg.pinv(weighted.T @ weighted)), 0.0))
+    errors = np.array([mode[0] * error[0], float(error[2]) if rocking else 0.0])
+    ends = _ends_of_damping(misfit, fit.x, scatter)
+    return mode, errors, ends, float(np.sum(np.minimum(np.abs(left), _CAPPED)))
+
+
+def _ends_of_damping(misfit: _Misfit, best: np.ndarray, scatter: np.ndarray) -> tuple[float, float]:
+    """Dampings between which a mode's is with a probability of 95 %, by what the best of all fits with each
+    of them leaves of readings with a ``scatter`` (n,) (profile likelihood): readings that are not near the
+    peak tell little of how high it is.
+    """
+    from scipy.optimize import least_squares
+
+    free = np.arange(best.size) != _DAMPING
+
+    def cost(log_damping: float) -> float:
+        def deviations(rest: np.ndarray) -> np.ndarray:
+            return misfit.deviations(np.insert(rest, _DAMPING, log_damping)) / scatter
+
+        fit = least_squares(
+            deviations, best[free], loss="soft_l1", f_scale=_TWO_SIDED,
+            bounds=(misfit.low[free], misfit.high[free]),
+        )  # fmt: skip
+        return 2.0 * float(fit.cost)
+
+    own = float(best[_DAMPING])
+    allowed = cost(own) + _TWO_SIDED**2
+    ends = []
+    for end in (float(misfit.low[_DAMPING]), float(misfit.high[_DAMPING])):
+        inside, outside = own, end
+        if cost(end) <= allowed:
+            inside = outside
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (inside + outside)
+            inside, outside = (middle, outside) if cost(middle) <= allowed else (inside, middle)
+        ends.append(math.exp(outside))
+    return ends[0], ends[1]

@@ -26,6 +26,8 @@ _APART = 3
 """Bins from which the powers of two lines add; nearer ones may add their amplitudes."""
 _LEFT_OPEN = 1.1
 """Factor of the power that the largest coefficients leave open."""
+_RESONANT = 4.0
+"""Factor of the power that the usual coefficients make, from which a peak is a resonance: twice the amplitude."""
 _VARIES = 2.0
 """Factor of the largest power of a constant line, or of whirl, elsewhere that it may have beside an order
 (assumed).
@@ -57,57 +59,82 @@ def held_at_all_speeds(
     factors = [largest_factor(modes, fit.reading.order, one.speed) for fit in fits]
     most = [fit.coefficient.most for fit in fits]
     large = [set(fit.coefficient.large) for fit in fits]
+    resonant = np.zeros((len(fits), one.speed.size), dtype=bool)
     for each in (one, *one.of_axes):
         beside = [
-            _Beside(each, fit.reading.order, fit.coefficient.most * each.speed**2 * factor)
-            for fit, factor in zip(fits, factors, strict=True)
+            _Beside(each, fit.reading.order, each.speed**2 * f)
+            for fit, f in zip(fits, factors, strict=True)
         ]
         others = _powers_of_others(each, ridges, beside)
+        largest = [fit.coefficient.most for fit in fits]
+        usual = [fit.coefficient.usual for fit in fits]
         for k, fit in enumerate(fits):
             reading = read_order(each, fit.reading.order, (), kept)
             rows = np.searchsorted(each.speed, reading.speed)
-            known, masked = beside[k].largest_power(beside)
-            shown = np.where(masked[rows], reading.sure_part(reading.power), reading.at_least)
-            more = shown > _LEFT_OPEN * (known + others[k])[rows]
+            masked = beside[k].masked_by(beside)[rows]
+            shown = np.where(masked, reading.sure_part(reading.power), reading.at_least)
+            known, expected = (
+                (beside[k].power(beside, sizes) + others[k])[rows] for sizes in (largest, usual)
+            )
+            resonant[k, rows] |= shown > _RESONANT * expected
+            more = shown > _LEFT_OPEN * known
             if more.any():
                 needed = np.sqrt(2.0 * shown) / (reading.speed**2 * factors[k][rows])
                 most[k] = max(most[k], float(needed[more].max()))
                 large[k] |= set(reading.speed[more].tolist())
     return [
-        replace(fit, coefficient=replace(fit.coefficient, most=a, large=tuple(sorted(b))))
-        for fit, a, b in zip(fits, most, large, strict=True)
-    ]
+        replace(
+            fit,
+            coefficient=replace(
+                fit.coefficient, most=most[k], large=tuple(sorted(large[k])),
+                resonances=_between_neighbours(one.speed[kept], resonant[k, kept]),
+            ),
+        )
+        for k, fit in enumerate(fits)
+    ]  # fmt: skip
+
+
+def _between_neighbours(speed: np.ndarray, chosen: np.ndarray) -> tuple[tuple[float, float], ...]:
+    """Speeds from the one before each chosen one (n,) to the one behind it, joined where they touch."""
+    found: list[tuple[float, float]] = []
+    for k in np.flatnonzero(chosen).tolist():
+        start, stop = float(speed[max(k - 1, 0)]), float(speed[min(k + 1, speed.size - 1)])
+        if found and start <= found[-1][1]:
+            start = found.pop()[0]
+        found.append((start, stop))
+    return tuple(found)
 
 
 class _Beside:
-    """Where an order is in a map, and how large it may be there."""
+    """Place of an order in a map, and how large it may be there."""
 
-    def __init__(self, one: PowerMap, order: float, amplitude: np.ndarray) -> None:
-        self.order = order
+    def __init__(self, one: PowerMap, order: float, per_coefficient: np.ndarray) -> None:
         self.path = order * one.speed / (2.0 * np.pi * one.spacing)
         """In bins, (n,)."""
         self.reach = bins_beside(one, order) + one.lobe + 1
         """Bins within which another one's lie, (n,)."""
-        self.amplitude = amplitude
-        """(n,)."""
+        self.per_coefficient = per_coefficient
+        """Amplitude over its coefficient, (n,)."""
 
     def is_near(self, path: np.ndarray) -> np.ndarray:
         """Whether a ``path`` (n,) [bins] comes into its bins, (n,)."""
         return np.asarray(np.abs(path - self.path) <= self.reach)
 
-    def largest_power(self, orders: Sequence[_Beside]) -> tuple[np.ndarray, np.ndarray]:
-        """Largest power in its bins by all ``orders``, it included, and whether others are there, (n,)."""
-        together, apart = self.amplitude.copy(), np.zeros(self.path.size)
-        masked = np.zeros(self.path.size, dtype=bool)
-        for other in orders:
-            if other is self:
-                continue
+    def masked_by(self, orders: Sequence[_Beside]) -> np.ndarray:
+        """Whether any others of some orders are in its bins, (n,)."""
+        near = [self.is_near(other.path) for other in orders if other is not self]
+        return np.any([np.zeros(self.path.size, dtype=bool), *near], axis=0)
+
+    def power(self, orders: Sequence[_Beside], coefficients: Sequence[float]) -> np.ndarray:
+        """Largest power in its bins by all ``orders``, it included, with these ``coefficients``, (n,)."""
+        together, apart = np.zeros(self.path.size), np.zeros(self.path.size)
+        for other, size in zip(orders, coefficients, strict=True):
+            amplitude = size * other.per_coefficient
             near = self.is_near(other.path)
-            masked |= near
             touches = np.abs(other.path - self.path) < _APART + self.reach - self.reach.min()
-            together += np.where(near & touches, other.amplitude, 0.0)
-            apart += np.where(near & ~touches, other.amplitude**2, 0.0)
-        return 0.5 * (together**2 + apart), masked
+            together += np.where(near & touches, amplitude, 0.0)
+            apart += np.where(near & ~touches, amplitude**2, 0.0)
+        return np.asarray(0.5 * (together**2 + apart))
 
 
 def _powers_of_others(

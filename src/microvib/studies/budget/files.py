@@ -432,6 +432,21 @@ class WheelMode(Part):
                 yield f"whirl: forward, {point.forward:g} Hz, is below backward, {point.backward:g} Hz"
 
 
+class WheelResonance(Part):
+    """Speeds between which a load of a measured wheel has a resonance that none of its modes explains."""
+
+    load: Literal["radial_force", "radial_torque", "axial_force", "axial_torque"] = Field(
+        description="load that shows it"
+    )
+    order: Annotated[float, Quantity("", "order that shows it, cycles per turn", gt=0)]
+    speed: Annotated[float, Quantity("rad/s", "lowest speed", gt=0, display="rpm")]
+    speed_to: Annotated[float, Quantity("rad/s", "highest speed", gt=0, display="rpm")]
+
+    def _consistency_errors(self) -> Iterator[str]:
+        if self.speed_to <= self.speed:
+            yield f"speed_to: {self.speed_to:g} rad/s is not above speed, {self.speed:g} rad/s"
+
+
 class Wheel(Part):
     """A reaction wheel by its harmonic coefficients, rigid or with its structural modes."""
 
@@ -488,6 +503,11 @@ class Wheel(Part):
         max_length=2,
         description="loads across the spin axis that were measured about one of two axes; nothing passes"
         " while one is named, as the other may differ",
+    )
+    resonances: tuple[WheelResonance, ...] = Field(
+        default=(),
+        max_length=1000,
+        description="speeds between which loads have a resonance that no mode explains; nothing is judged there",
     )
     axis: Direction = Field(description="spin axis, hub axes")
     harmonics: tuple[WheelHarmonic, ...] = Field(

@@ -11,7 +11,7 @@ were tried is known to ``TOLERANCE``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -79,6 +79,8 @@ _CYCLES, _MOST_PARTS = 0.05, 64
 """Cycles in a window by which the ends of parts of an interval differ, and how many parts there are."""
 _MAX_BISECTIONS = 40
 """How often intervals are halved, those with the largest bounds first."""
+_BESIDE_RESONANCE = 0.01
+"""Part of its frequency by which the gap of a resonance is wider than its speeds say, for its order's error."""
 _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 
 
@@ -329,6 +331,7 @@ class WheelOnCraft:
         if self.wheel.measured_up_to is not None:
             why = f"the wheel was measured up to {self.wheel.measured_up_to:.5g} Hz"
             found.append(open_gap(why, self.wheel.measured_up_to))
+        found += list(self._resonances_without_mode())
         if self.wheel.not_measured:
             loads = " and ".join(load.replace("_", " ") for load in self.wheel.not_measured)
             found.append(open_gap(f"the wheel's {loads}: not measured (wheel.not_measured)"))
@@ -338,6 +341,23 @@ class WheelOnCraft:
                 open_gap(f"the wheel's {loads}: measured about one of two axes (wheel.one_axis)")
             )
         return tuple(found)
+
+    def _resonances_without_mode(self) -> Iterator[Unobserved]:
+        """The gaps of resonances that no mode explains, at the speeds that it has."""
+        slack = 1.0 + CLOCK_UNCERTAINTY
+        for one in self.wheel.resonances:
+            low = max(self.speeds[0] / slack, one.speed)
+            high = min(self.speeds[1] * slack, one.speed_to)
+            if low > high:
+                continue
+            ends = one.order * low / (2.0 * np.pi), one.order * high / (2.0 * np.pi)
+            yield open_gap(
+                f"the wheel's {one.load.replace('_', ' ')} of order {one.order:.5g} has a resonance between"
+                f" {_rpm(one.speed):.5g} and {_rpm(one.speed_to):.5g} rpm that none of its modes explains (measure"
+                " at speeds closer together there, or give the mode in place of wheel.resonances)",
+                ends[0] * (1.0 - _BESIDE_RESONANCE),
+                ends[1] * (1.0 + _BESIDE_RESONANCE),
+            )
 
     @cached_property
     def _too_slow(self) -> tuple[Unobserved, ...]:
