@@ -16,6 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
+from microvib.signals.spectrum import Window, leakage
+
 CHANCE = 1e-3
 """Chance that a waterfall of noise alone has any ridge."""
 LEAST_HITS = 5
@@ -59,6 +61,8 @@ class PowerMap:
     centre: np.ndarray | None = None
     """Speed [rad/s] at the mean frequency of a line whose amplitude goes with the square of the speed, (n,);
     None where the speed does not change during a spectrum."""
+    window: Window = "hann"
+    """Window of the spectra, whose side lobes are no ridges."""
 
     @property
     def of_axes(self) -> tuple[PowerMap, ...]:
@@ -156,6 +160,8 @@ class RidgeSearch:
     """The most certain first."""
     left: np.ndarray
     """Cells that are of no ridge, (maps, n, m)."""
+    level: np.ndarray
+    """Powers over the floor and what leaks from ridges, (maps, n, m)."""
 
 
 def find_ridges(maps: Sequence[PowerMap]) -> RidgeSearch:
@@ -167,7 +173,7 @@ def find_ridges(maps: Sequence[PowerMap]) -> RidgeSearch:
         if one is None:
             break
         found.append(one)
-    return RidgeSearch(tuple(found), search.free)
+    return RidgeSearch(tuple(found), search.free, search.level)
 
 
 _PORTION = 4096
@@ -217,10 +223,13 @@ class _Search:
         self.one, self.turns = one, one.speed / (2.0 * np.pi)
         self.free = np.ones((len(self.maps), *one.power.shape), dtype=bool)
         self.free[:, :, :_FIRST_BIN] = False
-        logs = np.array([x.level for x in self.maps])
-        self.levels = [np.quantile(each[:, _FIRST_BIN:], 1.0 - np.array(_SHARES)) for each in logs]
+        self.floor = [x.floor.copy() for x in self.maps]
+        """Floors with what leaks from the ridges that were found, (n, m) each."""
+        self.levels = [
+            np.quantile(x.level[:, _FIRST_BIN:], 1.0 - np.array(_SHARES)) for x in self.maps
+        ]
         self.above = np.array(
-            [[x > t for t in levels] for x, levels in zip(logs, self.levels, strict=True)]
+            [[x.level > t for t in each] for x, each in zip(self.maps, self.levels, strict=True)]
         )
         step = 0.5 * one.spacing / float(self.turns[-1])
         top = one.frequency[-1] / np.sort(self.turns)[min(LEAST_HITS, self.turns.size) - 1]
@@ -286,6 +295,8 @@ class _Search:
         seen = self._seen(bins)
         self._strike(bins)
         self._strike(self.order_bins[k])
+        smear = order * self.one.smear / (2.0 * np.pi * self.one.spacing)
+        self._let_leak(order * self.turns, smear)
         return Ridge("order", (order,), uncertainty, 0.0, seen, chance / np.log(10.0))
 
     def _line(self, k: int, chance: float) -> Ridge:
@@ -293,9 +304,29 @@ class _Search:
         seen = self._seen(bins)
         widths = self._strike(bins)
         f = float(self.one.frequency[k])
+        self._let_leak(np.full(self.turns.size, f), np.zeros(self.turns.size))
         return Ridge(
             "line", (f,), 0.3 * self.one.spacing, widths * self.one.spacing, seen, chance / np.log(10.0)
         )  # fmt: skip
+
+    def _let_leak(self, path: np.ndarray, smear: np.ndarray) -> None:
+        """Raise the floors by what leaks from lines along a ``path`` (n,) [Hz] that move by ``smear`` (n,) [bins]
+        during a spectrum.
+        """
+        at = (path - self.one.frequency[0]) / self.one.spacing
+        for k, one in enumerate(self.maps):
+            for i in np.flatnonzero(one.bins(path) >= 0).tolist():
+                distance = np.abs(np.arange(one.frequency.size) - at[i]) - 0.5 * smear[i]
+                near = distance <= one.lobe + 0.5
+                power = max(float(np.sum((one.power[i] - one.floor[i])[near])), 0.0)
+                self.floor[k][i] += power * leakage(one.window, distance)
+            level = one.power / self.floor[k]
+            self.above[k] = [level > t for t in self.levels[k]]
+
+    @property
+    def level(self) -> np.ndarray:
+        """Powers over the floors with what leaks, (maps, n, m)."""
+        return np.array([x.power / floor for x, floor in zip(self.maps, self.floor, strict=True)])
 
     def _branches(self, modes: np.ndarray) -> list[np.ndarray]:
         """Bins of backward and forward whirl of modes (2, k), where these are apart, (k, n) each."""

@@ -24,6 +24,10 @@ _COSINES: dict[str, tuple[float, ...]] = {
 }
 
 
+_FARTHEST_LEAKAGE = 4000.0
+"""Distance [bins] from which leakage is no less."""
+
+
 def window_name(window: Window) -> str:
     """A window in words."""
     return f"{window.replace('hann', 'Hann')} window"
@@ -182,6 +186,22 @@ def window_values(name: Window, samples: int) -> np.ndarray:
     return sum(
         (a * np.cos(k * phase) for k, a in enumerate(_COSINES[name])), start=np.zeros(samples)
     )
+
+
+def leakage(window: Window, distance: np.ndarray) -> np.ndarray:
+    """Largest power (...) that a line has in a bin at a ``distance`` (...) [bins], or farther away from it, over
+    what it has in all bins together: the envelope of the window's side lobes; 1 in its main lobe.
+
+    The transform of a window of cosines, at half bins from its bins.
+    """
+    of_window = _COSINES[window]
+    at = np.arange(len(of_window) + 0.5, _FARTHEST_LEAKAGE)
+    parts = (
+        0.5 * a * (-1.0) ** k * (1.0 / (at - k) + 1.0 / (at + k)) for k, a in enumerate(of_window)
+    )
+    amplitude = np.abs(sum(parts, start=np.zeros(at.size))) / np.pi
+    power = np.maximum.accumulate(amplitude[::-1])[::-1] ** 2 / noise_bandwidth(window)
+    return np.interp(distance, np.r_[at[0] - 0.5, at], np.r_[1.0, power])
 
 
 def amplitude_spectrum(

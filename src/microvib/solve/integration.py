@@ -484,6 +484,10 @@ _CROSSING_SHORTER = 0.01
 """Part of the longest step that is advised where the gear crosses its backlash within one."""
 
 
+_FINER = 2
+"""Factor of the refinement that is advised where a run stops."""
+
+
 def status_error(scenario: Scenario, status: int, now: float) -> SimulationError:
     """Sentence for the user on a status of the kernel at the time ``now`` [s]."""
     if status == kernel.LOST_SYNCHRONISM:
@@ -491,8 +495,9 @@ def status_error(scenario: Scenario, status: int, now: float) -> SimulationError
     if status == kernel.ENDLESS_EVENTS:
         return SimulationError(
             f"simulation stopped at t = {now:.6g} s: a friction sticks and breaks away without end;"
-            " its law has no solution here: vary friction.position, or what presliding, hysteresis or"
-            " backlash there is, more slowly with the angle, or leave them out"
+            f" set solver.refinement to {_FINER * scenario.solver.refinement:g}, or, where that does not help, as its"
+            " law has no solution there, vary friction.position, or what presliding, hysteresis or backlash"
+            " there is, more slowly with the angle"
         )
     if status == kernel.NOT_FINITE:
         what = "the solution is not finite"
@@ -505,8 +510,8 @@ def status_error(scenario: Scenario, status: int, now: float) -> SimulationError
     else:
         what = "the step became too small"
     return SimulationError(
-        f"simulation stopped at t = {now:.6g} s: {what}; check the orders of magnitude of the"
-        " drive's parameters"
+        f"simulation stopped at t = {now:.6g} s: {what}; set solver.refinement to"
+        f" {_FINER * scenario.solver.refinement:g}, or check the orders of magnitude of the drive's parameters"
     )
 
 

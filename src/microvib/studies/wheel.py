@@ -226,7 +226,7 @@ def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWhee
         )
         for x in orders
     ]  # fmt: skip
-    found, more = _peaks_left(maps, search.left, modes)
+    found, more = _peaks_left(maps, search, modes)
     rows = (*_constant(maps, search.ridges), *found)
     return MeasuredWheel(
         name, maps, search.ridges, tuple(harmonics), tuple(modes), rows, more, failed,
@@ -367,7 +367,7 @@ def _beside(modes: Sequence[FoundMode], one: PowerMap) -> np.ndarray:
 
 
 def _peaks_left(
-    maps: Mapping[str, PowerMap], left: np.ndarray, modes: Sequence[FoundMode]
+    maps: Mapping[str, PowerMap], search: RidgeSearch, modes: Sequence[FoundMode]
 ) -> tuple[list[UnexplainedRow], int]:
     """Peaks that are of no ridge, beside no mode, and that noise does not have, the largest, and how
     many more.
@@ -375,9 +375,9 @@ def _peaks_left(
     from scipy.stats import gamma
 
     found: list[tuple[float, UnexplainedRow]] = []
-    for (load, one), free in zip(maps.items(), left, strict=True):
+    for (load, one), free, of_map in zip(maps.items(), search.left, search.level, strict=True):
         K = one.averages
-        level = np.where(free & ~_beside(modes, one), one.level, 0.0)
+        level = np.where(free & ~_beside(modes, one), of_map, 0.0)
         wanted = float(gamma.isf(_CHANCE / level.size, K) / K)
         inner = level[:, 1:-1]
         peak = (inner > 1.5 * wanted) & (inner >= level[:, :-2]) & (inner >= level[:, 2:])

@@ -69,7 +69,7 @@ def maps_of_files(files: Mapping[str, Sequence[str]], given: Given) -> dict[str,
         speed = first.speed * SPEED_UNITS[given.speeds or ""]
         found[load] = PowerMap(
             speed, first.frequency, np.mean(powers, axis=0), LOBES[given.window or "hann"],
-            axes=tuple(powers) if len(powers) > 1 else (),
+            axes=tuple(powers) if len(powers) > 1 else (), window=given.window or "hann",
         )  # fmt: skip
     return found
 
