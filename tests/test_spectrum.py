@@ -5,9 +5,13 @@ import pytest
 
 from microvib.signals.spectrum import (
     SpectrumError,
+    Window,
     amplitude_spectrum,
+    leakage,
+    noise_bandwidth,
     power_spectral_density,
     waterfall,
+    window_values,
 )
 
 RATE, SAMPLES = 4096.0, 65536
@@ -90,3 +94,16 @@ def test_waterfall_follows_a_tone_that_dies():
 def test_bad_settings_are_named(call, words):
     with pytest.raises(SpectrumError, match=words):
         call(np.sin(T))
+
+
+@pytest.mark.parametrize("window", ["rectangular", "hann", "flat-top"])
+def test_leakage_is_the_envelope_of_the_side_lobes_of_a_window(window: Window) -> None:
+    n, finer = 256, 64
+    power = np.abs(np.fft.rfft(window_values(window, n), n * finer)) ** 2 / n**2
+    power /= noise_bandwidth(window)
+    distance = np.arange(power.size) / finer
+    beyond = np.maximum.accumulate(power[::-1])[::-1]
+    outside = (distance > 8.0) & (distance < 40.0)
+    ratio = leakage(window, distance[outside]) / beyond[outside]
+    assert np.all(ratio > 0.9)
+    assert np.median(ratio) < 1.6

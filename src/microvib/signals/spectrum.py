@@ -196,9 +196,7 @@ def leakage(window: Window, distance: np.ndarray) -> np.ndarray:
     """
     of_window = _COSINES[window]
     at = np.arange(len(of_window) + 0.5, _FARTHEST_LEAKAGE)
-    parts = (
-        0.5 * a * (-1.0) ** k * (1.0 / (at - k) + 1.0 / (at + k)) for k, a in enumerate(of_window)
-    )
+    parts = (0.5 * a * (1.0 / (at - k) + 1.0 / (at + k)) for k, a in enumerate(of_window))
     amplitude = np.abs(sum(parts, start=np.zeros(at.size))) / np.pi
     power = np.maximum.accumulate(amplitude[::-1])[::-1] ** 2 / noise_bandwidth(window)
     return np.interp(distance, np.r_[at[0] - 0.5, at], np.r_[1.0, power])
