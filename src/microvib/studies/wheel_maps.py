@@ -60,7 +60,7 @@ def maps_of_files(files: Mapping[str, Sequence[str]], given: Given) -> dict[str,
         if texts
     }
     _require_alike([one for each in read.values() for one in each])
-    found = {}
+    found, window = {}, given.window or "hann"
     for load, each in read.items():
         unit = given.torque_unit if load.endswith("torque") else given.force_unit
         size = convert(f"1 {unit}", "N*m" if load.endswith("torque") else "N")
@@ -68,8 +68,8 @@ def maps_of_files(files: Mapping[str, Sequence[str]], given: Given) -> dict[str,
         first = each[0][1]
         speed = first.speed * SPEED_UNITS[given.speeds or ""]
         found[load] = PowerMap(
-            speed, first.frequency, np.mean(powers, axis=0), LOBES[given.window or "hann"],
-            axes=tuple(powers) if len(powers) > 1 else (), window=given.window or "hann",
+            speed, first.frequency, np.mean(powers, axis=0), LOBES[window],
+            axes=tuple(powers) if len(powers) > 1 else (), window=window,
         )  # fmt: skip
     return found
 
