@@ -42,12 +42,12 @@ from microvib.studies.budget.cases import with_craft_of_cases, with_nominal_craf
 from microvib.studies.budget.figures import evaluate_metric
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.recording_source import contribution_of_recording
 from microvib.studies.budget.side_lines import Anywhere
 from microvib.studies.budget.sources import (
     BLOCKED_LOAD_UNCERTAINTY,
     Contribution,
     Unobserved,
-    contribution_of_recording,
     contribution_of_run,
     open_gap,
 )

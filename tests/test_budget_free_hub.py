@@ -19,9 +19,9 @@ from microvib.io.file_access import FileAccess
 from microvib.model.scenario import Scenario
 from microvib.studies.budget.files import OtherSource, Requirement
 from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.recording_source import contribution_of_recording
 from microvib.studies.budget.sources import (
     Contribution,
-    contribution_of_recording,
     contribution_of_run,
     with_side_lines_of_other,
 )

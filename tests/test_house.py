@@ -57,4 +57,4 @@ def test_functions_are_not_hard_to_read():
     plain = [module for module in MODULES if not module.is_compiled]
     hard = [each for module in plain for each in module.complexities() if each.value > 12]
     assert not [str(each) for each in hard if each.value > 22]
-    assert len(hard) < 80
+    assert len(hard) < 79

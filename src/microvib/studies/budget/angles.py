@@ -24,10 +24,9 @@ from microvib.studies.budget.other_sources import (
     contribution_of_other,
     excitation_of,
 )
+from microvib.studies.budget.recording_source import contribution_of_recording, recording_at_angle
 from microvib.studies.budget.sources import (
     Contribution,
-    contribution_of_recording,
-    recording_at_angle,
 )
 from microvib.studies.budget.study import (
     Budget,

@@ -16,11 +16,11 @@ from microvib.model.rigid import COMPONENTS
 from microvib.signals.line_table import DETECTION_RATIO
 from microvib.studies.budget.figures import AXES, line_weights
 from microvib.studies.budget.files import Requirement
+from microvib.studies.budget.recording_source import line_of_sight_by_load
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
     both_errors,
-    line_of_sight_by_load,
     open_gap,
 )
 from microvib.studies.chain_filter import ChainFilter, LineRatio, find_filter

@@ -1,4 +1,4 @@
-"""Contributions of drives to the line of sight, by their runs or by a recording, with their gaps."""
+"""Contributions of drives to the line of sight by their runs, with their gaps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.limits import unknown_error_reason
-from microvib.analysis.lines import clock_warnings, expected_in, lines_of_recording
+from microvib.analysis.lines import expected_in
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
     RINGING_FACTOR,
@@ -53,18 +53,13 @@ from microvib.model.drive_states import (
 )
 from microvib.model.driven import noise_bands
 from microvib.model.driven import noise_density as density_of_friction
-from microvib.model.expected import ExpectedLine, is_made
+from microvib.model.expected import is_made
 from microvib.model.hub_edge import HubEdge
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
-from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import (
-    BELOW_FLOOR,
-    DETECTION_RATIO,
     NOISE_DRIVEN,
-    NOT_THE_DRIVES,
     Line,
     LineTable,
     ResidualPeaks,
@@ -72,9 +67,7 @@ from microvib.signals.line_table import (
 from microvib.solve.steady.period import common_period
 from microvib.studies.budget.errors import SourceError
 from microvib.studies.budget.files import Requirement
-from microvib.studies.budget.recorded import below_all_bands, higher_orders, unaccounted
 from microvib.studies.budget.side_lines import SideLines, TurningDrives
-from microvib.testdata.recording import Recording, channel_fault
 
 BLOCKED_LOAD_UNCERTAINTY = 0.03
 """Relative error of lines that went the blocked-load method, for a drive that is not quite the scenario's;
@@ -448,11 +441,11 @@ def _resonance_uncertainty(
     """Relative error of lines of the clock, (2, k, 2), by the response at frequencies that they may
     have, and by the ``states`` in which a second drive may be."""
     off = np.asarray(frequency_error_bound(frequency))
-    found = _drive_uncertainty(scenario, states, frequency, off)
+    found = drive_uncertainty(scenario, states, frequency, off)
     return found * np.array([line.of_clock for line in lines])[:, None]
 
 
-def _drive_uncertainty(
+def drive_uncertainty(
     scenario: Scenario, states: DriveStates | None, frequency: np.ndarray, off: np.ndarray
 ) -> np.ndarray:
     """Relative error of lines that a torque on the rotor makes, (2, k, 2), in a scenario of whose
@@ -462,22 +455,6 @@ def _drive_uncertainty(
     if states is not None:
         responses.append(lambda f: states.extremes(f, states.on_rotor)[..., 0])
     return response_uncertainty(responses, frequency, off, natural_frequencies(scenario, states))
-
-
-def _time_axis_uncertainty(
-    scenario: Scenario, loads: np.ndarray, frequency: np.ndarray, off: np.ndarray
-) -> np.ndarray:
-    """Relative error of lines, (2, k, 2), whose frequencies (k,) [Hz] a recorder's clock has wrong by up to
-    ``off`` (k,) [Hz]: the drive made their ``loads`` on the hub (k, 6) there, and not where they are read.
-    """
-
-    def los(f: np.ndarray) -> np.ndarray:
-        of_each = np.repeat(loads, f.size // len(loads), axis=0)
-        found = blocked_load_method(scenario, f, of_each).los
-        assert found is not None
-        return np.abs(found)
-
-    return response_uncertainty([los], frequency, off, natural_frequencies(scenario))
 
 
 def los_per_rotor_torque(scenario: Scenario, f: np.ndarray) -> np.ndarray:
@@ -745,7 +722,7 @@ def _gaps(
             between=True,
         )
     yield from _low_frequency_gaps(scenario, table)
-    yield from _above_passband_gaps(scenario, table, PASSBAND * record.sample_rate)
+    yield from above_passband_gaps(scenario, table, PASSBAND * record.sample_rate)
 
 
 def _slow_lines_gap(scenario: Scenario, table: LineTable) -> tuple[Unobserved, ...]:
@@ -768,7 +745,7 @@ _SIGNIFICANT_RATIO = 0.01
 """Part of the largest of some lines above the passband from which a record is to show them."""
 
 
-def _above_passband_gaps(scenario: Scenario, table: LineTable, top: float) -> Iterator[Unobserved]:
+def above_passband_gaps(scenario: Scenario, table: LineTable, top: float) -> Iterator[Unobserved]:
     """Bound on lines of the drive above ``top``, the edge of the passband of the lines in the
     ``table``.
     """
@@ -845,206 +822,6 @@ def los_over_torque(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     return np.asarray(
         np.abs(craft.transfer(craft.line_of_sight(), frequency)[:, :, 0]) / torque[:, None]
     )
-
-
-@dataclass(frozen=True)
-class _RecordedLoads:
-    """Loads on a force table at the expected lines of the clock, 0 where a channel is missing."""
-
-    lines: tuple[ExpectedLine, ...]
-    loads: np.ndarray  # with phases, (k, 6)
-    floors: np.ndarray  # below which nothing is detected, (k, 6)
-    tables: dict[str, LineTable]  # by channel
-
-
-def _recorded_loads(
-    recording: Recording, scenario: Scenario, harmonics: int, clock_ratio: float
-) -> _RecordedLoads:
-    """Complex amplitudes of each channel at the lines of the known clock."""
-    lines = tuple(
-        replace(
-            line,
-            frequency=clock_ratio * line.frequency,
-            low=clock_ratio * line.frequency,
-            high=clock_ratio * line.frequency,
-        )
-        for line in expected_in(scenario, recording.sample_rate, harmonics)
-        if line.of_clock
-    )
-    loads, floors = np.zeros((len(lines), 6), dtype=complex), np.zeros((len(lines), 6))
-    tables: dict[str, LineTable] = {}
-    for k, channel in enumerate(COMPONENTS):
-        if channel not in recording.channels:
-            continue
-        tables[channel] = lines_at_known_clock(recording[channel], recording.sample_rate, lines)
-        rows = [tables[channel][line.name] for line in lines]
-        loads[:, k] = [row.amplitude * np.exp(1j * row.phase) for row in rows]
-        floors[:, k] = [DETECTION_RATIO * row.floor for row in rows]
-    return _RecordedLoads(lines, loads, floors, tables)
-
-
-def _recording_gaps(recording: Recording, table: LineTable) -> list[Unobserved]:
-    """Reasons to question the channels of a recording and its clock."""
-    missing = [channel for channel in COMPONENTS if channel not in recording.channels]
-    given = [channel for channel in COMPONENTS if channel in recording.channels]
-    told = [f"{', '.join(missing)} not recorded, and counted as 0"] if missing else []
-    for check in (partial(channel_fault, recording), recording.glitch):
-        faults = {channel: check(channel) for channel in given}
-        told += [f"channel {channel} {fault}" for channel, fault in faults.items() if fault]
-    gaps = [open_gap(why) for why in (*told, *clock_warnings(table))]
-    for channel in given:
-        for one in recording.unusable(channel):
-            gaps.append(open_gap(f"channel {channel}: {one.why}", one.low, one.high))
-    return gaps
-
-
-def _table_error(recording: Recording, frequency: np.ndarray) -> np.ndarray:
-    """Largest part by which the force table's resonances change a channel at each ``frequency`` (m,)
-    [Hz], (m,); 0 where the table is not known.
-    """
-    error = np.zeros(frequency.size)
-    if recording.table is not None:
-        for channel in COMPONENTS:
-            if channel in recording.channels:
-                error = np.maximum(error, recording.table.departure(channel, frequency))
-    return error
-
-
-def contribution_of_recording(
-    name: str, scenario: Scenario, recording: Recording, harmonics: int
-) -> Contribution:
-    """A drive by its loads on a force table, in the array's axes at angle 0, the blocked-load method to the
-    craft of the scenario.
-    """
-    axis, recording = "M" + scenario.array.drive_axis, recording.in_si()
-    table = lines_of_recording(recording, axis, scenario, harmonics=harmonics)
-    recorded = _recorded_loads(recording, scenario, harmonics, table.clock_ratio or 1.0)
-    expected = recorded.lines
-    loads, floors = np.nan_to_num(recorded.loads), np.nan_to_num(recorded.floors)
-    of_axis = {line.name: line for line in table}
-    found = [of_axis.get(x.name) for x in expected]
-    status = np.array(["not in the table" if row is None else row.status for row in found], str)
-    seen = (status == "ok") & np.all(np.isfinite(recorded.loads), axis=1)
-    turn, f = rotation_to_hub_axes(scenario), np.array([x.frequency for x in expected])
-    los = blocked_load_method(scenario, f, loads @ turn.T).los
-    assert los is not None
-    by_each = line_of_sight_by_load(scenario, f, turn)
-    noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, floors**2))
-    most = np.einsum("jka,kj->ka", by_each, np.abs(loads)) + noise
-    known = np.all(np.isfinite(los), axis=1)
-    faint = (status == BELOW_FLOOR) & np.all(np.isfinite(recorded.floors), axis=1) & known
-    gaps = _recording_gaps(recording, table)
-    if faint.any():
-        gaps.append(
-            Unobserved("lines below the recording's floor", 0.0, math.inf, f[faint], most[faint])
-        )
-    gaps += _higher_orders_gap(scenario, recording, recorded.tables, table.clock_ratio or 1.0)
-    for k in np.flatnonzero(~(seen | faint)):
-        why = f"{expected[k].name} ({status[k]}; a longer recording)"
-        if status[k] in NOT_THE_DRIVES:
-            why = f"{expected[k].name} ({status[k]})"
-        gaps.append(open_gap(why, expected[k].frequency, expected[k].frequency))
-    # lines of the clock or not, a recording has something at all frequencies
-    gaps += low_frequency_gap(scenario, np.zeros(1), np.array([math.inf]), what="the recording")
-    gaps += list(_above_passband_gaps(scenario, table, PASSBAND * recording.sample_rate))
-    kept = seen & known
-    names = tuple(expected[k].name for k in np.flatnonzero(kept))
-    gaps += [
-        Unobserved(why, low, high, np.array([math.sqrt(low * high)]), size[None, :], between=True)
-        for why, low, high, size in unaccounted(scenario, recording, recorded.tables, set(names))
-    ]
-    slow = below_all_bands(scenario, recording, recorded.tables)
-    ends, most_of_slow = np.array([0.1 * slow.high, slow.high]), np.tile(slow.most, (2, 1))
-    gaps.append(Unobserved(slow.why, 0.0, slow.high, ends, most_of_slow, between=True))
-    spread = np.array([_relative_uncertainty(row) for row in found])
-    relative_error = (
-        BLOCKED_LOAD_UNCERTAINTY
-        + 2.0 * float(np.max(spread[kept], initial=0.0))
-        + noise[kept] / np.abs(los[kept])
-        + _table_error(recording, f[kept])[:, None]
-    )
-    off_clock = np.abs(f * (1.0 / (table.clock_ratio or 1.0) - 1.0))
-    off = (frequency_error_bound(f) + off_clock)[kept]
-    beside = np.maximum(
-        _drive_uncertainty(scenario, drive_states(scenario, own=False), f[kept], off),
-        _time_axis_uncertainty(scenario, (loads @ turn.T)[kept], f[kept], off),
-    )
-    return Contribution(
-        name,
-        f"clock lines of the recording {recording.title}, blocked-load method",
-        names,
-        f[kept],
-        los[kept],
-        # Its lines keep their phases to each other, not to those of a run, which starts at another
-        # instant.
-        f"{name}, recorded",
-        gaps=tuple(gaps),
-        relative_error=both_errors(np.broadcast_to(relative_error, beside.shape), beside),
-        frequency_error=off,
-        scenario=scenario,
-        recording=recording.title or "without a title",
-        recorded=(loads[kept], floors[kept]),
-        chain_assumption=recording.chain_assumption,
-        step_clock=table.clock_ratio or 1.0,
-        sought=SoughtLoads(
-            tuple(expected[k].name for k in np.flatnonzero(kept | faint)),
-            f[kept | faint],
-            np.abs(loads[kept | faint]),
-            floors[kept | faint],
-        ),
-    )
-
-
-def _higher_orders_gap(
-    scenario: Scenario, recording: Recording, tables: Mapping[str, LineTable], clock_ratio: float
-) -> Iterator[Unobserved]:
-    """The gap of orders of a recording that are not listed and that no excess shows."""
-    found = higher_orders(scenario, recording, tables, clock_ratio)
-    by_each = line_of_sight_by_load(scenario, found.frequency, rotation_to_hub_axes(scenario))
-    noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, found.noise**2))
-    most = np.einsum("jka,kj->ka", by_each, found.amplitude) + noise
-    known = np.all(np.isfinite(most), axis=1)
-    if known.any():
-        yield Unobserved(
-            "orders that are not listed, of which the recording's floor may hide lines"
-            " (a longer recording, or --harmonics N)",
-            0.0,
-            math.inf,
-            found.frequency[known],
-            most[known],
-        )
-
-
-def recording_at_angle(measured: Contribution, scenario: Scenario) -> Contribution:
-    """Lines of a recording as the craft of a ``scenario``, at the angle that its array has there,
-    shows them; nothing else of the contribution.
-    """
-    assert measured.recorded is not None
-    loads, _ = measured.recorded
-    in_hub_axes = loads @ rotation_to_hub_axes(scenario).T
-    los = blocked_load_method(scenario, measured.frequency, in_hub_axes).los
-    assert los is not None
-    return Contribution(
-        measured.source, measured.how, measured.names, measured.frequency, np.nan_to_num(los)
-    )
-
-
-def line_of_sight_by_load(scenario: Scenario, f: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Amplitudes of the line of sight by one of each load in the array's axes, (6, k, 2)."""
-    by_one = (
-        blocked_load_method(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T
-    )
-    return np.abs(np.array([one for one in by_one if one is not None]))
-
-
-def _relative_uncertainty(line: Line | None) -> float:
-    """Relative standard uncertainty of a line's amplitude."""
-    if line is None:
-        return 0.0
-    amplitude, spread = line.amplitude, line.amplitude_uncertainty
-    if amplitude > 0.0 and math.isfinite(spread):
-        return spread / amplitude
-    return 0.0
 
 
 def low_frequency_gap(

@@ -63,12 +63,12 @@ from microvib.studies.budget.load_check import (
     with_phase_check,
 )
 from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.recording_source import contribution_of_recording
 from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
     both_errors,
-    contribution_of_recording,
     contribution_of_run,
     open_gap,
     unseen_axes,
