@@ -64,7 +64,7 @@ def wheel_outcome(found: MeasuredWheel) -> Outcome:
         "harmonic_fits", HarmonicRow, found.harmonic_rows(), caption=_HARMONICS_CAPTION
     )
     modes = Table.of("modes", ModeRow, found.mode_rows(), caption=_MODES_CAPTION)
-    rest = Table.of("unexplained", UnexplainedRow, found.unexplained)
+    rest = Table.of("unexplained", UnexplainedRow, found.unexplained_rows())
     return Outcome(
         "Wheel from its waterfalls",
         f"Harmonics and modes of {found.name or 'a wheel'}",
@@ -89,7 +89,7 @@ def _or_none(table: Table, none: str) -> tuple[Item, ...]:
 def _facts(found: MeasuredWheel) -> Iterator[Fact]:
     yield Fact(str(len(found.harmonics)), "orders")
     yield Fact(str(len(found.modes)), "structural modes")
-    yield Fact(str(len(found.unexplained) + found.left_out), "unexplained")
+    yield Fact(str(len(found.unexplained_rows()) + found.left_out), "unexplained")
 
 
 def _not_measured(found: MeasuredWheel) -> list[str]:
@@ -144,7 +144,7 @@ def _resonances_in_words(resonances: Sequence[Resonance]) -> str:
     more = f" and {len(resonances) - _MOST_NAMED} more" if len(resonances) > _MOST_NAMED else ""
     return (
         "resonances that no mode explains, or peaks of no order, which may be larger between measured speeds:"
-        f" {'; '.join(first)}{more} (measure at speeds closer together there); a budget judges nothing there"
+        f" {'; '.join(first)}{more} (measure there at speeds closer together, or with finer frequencies); a budget judges nothing there"
     )
 
 

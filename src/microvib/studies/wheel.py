@@ -144,14 +144,18 @@ class MeasuredWheel:
         return float(one.frequency[-1])
 
     @property
-    def resonances(self) -> list[Resonance]:
-        """Resonances of its orders that no mode explains, and the named peaks that are of no order."""
-        found = [
+    def _resonances_of_orders(self) -> list[Resonance]:
+        return [
             Resonance(load, one.order, *ends)
             for one in self.harmonics
             for load, c in one.coefficients.items()
             for ends in c.resonances
         ]
+
+    @property
+    def resonances(self) -> list[Resonance]:
+        """Resonances of its orders that no mode explains, and the named peaks that are of no order."""
+        found = self._resonances_of_orders
         for row in self.unexplained:
             if np.isfinite(row.speed):
                 at = int(np.argmin(np.abs(self.measured - row.speed)))
@@ -159,6 +163,18 @@ class MeasuredWheel:
                 order = 2.0 * np.pi * row.frequency / row.speed
                 found.append(Resonance(row.load.replace(" ", "_"), order, *near.tolist()))
         return found
+
+    def unexplained_rows(self) -> list[UnexplainedRow]:
+        """Ridges and peaks that are of no order and no mode, and resonances of orders without a mode, each at
+        the middle of its speeds.
+        """
+        rows = list(self.unexplained)
+        for one in self._resonances_of_orders:
+            speed = 0.5 * (one.speed + one.speed_to)
+            f = one.order * speed / (2.0 * np.pi)
+            what = f"resonance of order {one.order:.4g} without a mode"
+            rows.append(UnexplainedRow(what, _words(one.load), f, speed, np.nan, _unit(one.load)))
+        return rows
 
     def harmonic_rows(self) -> list[HarmonicRow]:
         """Harmonics by order and load."""

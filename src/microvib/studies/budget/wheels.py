@@ -354,7 +354,8 @@ class WheelOnCraft:
             yield open_gap(
                 f"the wheel's {one.load.replace('_', ' ')} of order {one.order:.5g} has a resonance between"
                 f" {_rpm(one.speed):.5g} and {_rpm(one.speed_to):.5g} rpm that none of its modes explains (measure"
-                " at speeds closer together there, or give the mode in place of wheel.resonances)",
+                " there at speeds closer together, or with finer frequencies, or give the mode in place of"
+                " wheel.resonances)",
                 ends[0] * (1.0 - _BESIDE_RESONANCE),
                 ends[1] * (1.0 + _BESIDE_RESONANCE),
             )
