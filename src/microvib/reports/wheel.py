@@ -144,7 +144,8 @@ def _resonances_in_words(resonances: Sequence[Resonance]) -> str:
     more = f" and {len(resonances) - _MOST_NAMED} more" if len(resonances) > _MOST_NAMED else ""
     return (
         "resonances that no mode explains, or peaks of no order, which may be larger between measured speeds:"
-        f" {'; '.join(first)}{more} (measure there at speeds closer together, or with finer frequencies); a budget judges nothing there"
+        f" {'; '.join(first)}{more} (measure there at speeds closer together, or with"
+        " finer frequencies); a budget judges nothing there"
     )
 
 
