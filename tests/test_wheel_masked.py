@@ -12,7 +12,8 @@ from support.wheel_waterfalls import KINDS, NOISE, RPM, KnownWheel
 
 from microvib.errors import MicrovibError
 from microvib.io.file_access import NO_FILES
-from microvib.reports.wheel import wheel_yaml
+from microvib.reports.outcome import terminal_text
+from microvib.reports.wheel import wheel_outcome, wheel_yaml
 from microvib.signals.ridges import PowerMap
 from microvib.signals.spectrum import Window, noise_bandwidth
 from microvib.studies.budget.files import OtherSource, Requirement
@@ -154,6 +155,49 @@ def test_side_lobes_of_a_strong_order_are_no_orders(window: Window) -> None:
         assert c.least <= true * 1.001
         assert c.most >= true * 0.999
         assert c.value == pytest.approx(true, rel=0.01)
+
+
+def test_two_orders_that_share_bins_at_low_speeds_are_two() -> None:
+    """Orders 5.2 and 5.3 were one of 5.287 between them, and the resonance of the first was of no order."""
+    coefficients = {
+        "radial_force": {2.0: 2.8e-6, 5.2: 1e-5, 5.3: 2.5e-6},
+        "axial_force": {5.3: 2.4e-6},
+        "radial_torque": {2.0: 1.8e-6, 5.2: 1.3e-7, 5.3: 1.8e-7},
+    }
+    ways = {2.0: 1.0, 5.2: 1.0, 5.3: 1.0}
+    noise = dict.fromkeys(KINDS, 1e-3)
+    wheel = KnownWheel(coefficients, None, (186.7, 0.0129), None, ways=ways, noise=noise, mains=0.0)
+    coarse = RPM * np.arange(300.0, 3001.0, 100.0)
+    found = measured(wheel, coarse, 1, 2)
+    assert [x.order for x in found.harmonics] == pytest.approx([2.0, 5.2, 5.3], abs=0.015)
+    fine = np.linspace(coarse[0], coarse[-1], 2001)
+    held = 1.1 * most(found, "radial_force", fine) + 1e-3
+    true = true_amplitude(wheel, "radial_force", HIGHEST - 8.0, fine)
+    assert np.all((held > true) | not_judged(found, "radial_force", fine))
+
+
+def test_peaks_that_orders_do_not_explain_are_not_judged_at_their_speeds() -> None:
+    """An order that is there at four speeds alone is no ridge."""
+    wheel = KnownWheel({"axial_force": {1.0: 1e-6}}, None, None, None, mains=0.0, ways={1.0: 1.0})
+    speeds = RPM * np.arange(300.0, 3001.0, 100.0)
+    rng = np.random.default_rng(2)
+    f, values = wheel.waterfall("axial_force", speeds, RATE, SAMPLES, rng)
+    for row in range(10, 14):
+        values[row, round(3.7 * speeds[row] / (2.0 * np.pi))] += 0.3
+    kept = f <= HIGHEST
+    power = 0.5 * values[:, kept] ** 2 / noise_bandwidth("hann")
+    found = measured_wheel({"axial_force": PowerMap(speeds, f[kept], power, LOBES["hann"])})
+    assert [x.order for x in found.harmonics] == pytest.approx([1.0], abs=0.01)
+    [one] = found.resonances
+    assert one.order == pytest.approx(3.7, rel=0.01)
+    assert (one.speed, one.speed_to) == pytest.approx((speeds[9], speeds[14]))
+
+
+def test_a_waterfall_without_orders_gives_a_budget_no_files() -> None:
+    wheel = KnownWheel({}, None, None, None, mains=0.0)
+    outcome = wheel_outcome(measured(wheel, SPEEDS, 1))
+    assert not outcome.other_files
+    assert "there is no file for a budget" in terminal_text(outcome)
 
 
 def test_a_damping_of_which_no_speed_tells_has_its_ends_far_apart() -> None:

@@ -281,6 +281,7 @@ def test_harmonics_come_from_a_table(tmp_path: Path) -> None:
     [
         ("order,radial_torque\n1,2\n", "radial_torque"),
         ("order\n1\n", "is not a table of harmonics"),
+        ("order,radial_force_n_rpm2\n", "has a header and no rows below it"),
         ("order,radial_force_n_rpm2\n0,1\n", "row 2: order: 0 is not allowed"),
         ("order,radial_force_n_rpm2\n1,-1\n", "row 2: radial_force_n_rpm2: -1 is not allowed"),
         ("order,radial_force_n_rpm2\n1,x\n", "row 2: radial_force_n_rpm2"),

@@ -169,6 +169,9 @@ def _dict_rows(
     rows = [row for row in rows if row]
     while columns and not columns[-1] and not _has_cells(rows, len(columns) - 1):
         columns.pop()  # spreadsheets leave empty columns behind
+    if not rows and expected.needed and set(expected.needed) <= set(columns):
+        what = f"; {expected.what} are expected, a row each" if expected.what else ""
+        raise kind(f"{name}: has a header and no rows below it{what}")
     _check_columns(name, columns if rows else [], expected, kind)
     for k, row in enumerate(rows, 2):
         if _has_cells([row], len(columns)):

@@ -76,9 +76,9 @@ def wheel_outcome(found: MeasuredWheel) -> Outcome:
             Part("Harmonics", _or_none(harmonics, "No order stands above the noise.")),
             Part("Structural modes", _or_none(modes, "No mode is seen in the measured speeds.")),
             Part("What stays unexplained", _or_none(rest, "Nothing.")),
-            Part("How to use it", (Text(_USE),)),
+            Part("How to use it", (Text(_USE),) if found.harmonics else ()),
         ),
-        other_files={"harmonics.csv": harmonics_csv(found), "wheel.yaml": wheel_yaml(found)},
+        other_files=_files_for_budget(found),
     )
 
 
@@ -89,7 +89,7 @@ def _or_none(table: Table, none: str) -> tuple[Item, ...]:
 def _facts(found: MeasuredWheel) -> Iterator[Fact]:
     yield Fact(str(len(found.harmonics)), "orders")
     yield Fact(str(len(found.modes)), "structural modes")
-    yield Fact(str(len(found.unexplained_rows()) + found.left_out), "unexplained")
+    yield Fact(str(len(found.unexplained_rows()) + len(found.more_peaks)), "unexplained")
 
 
 def _not_measured(found: MeasuredWheel) -> list[str]:
@@ -123,6 +123,12 @@ def _about(found: MeasuredWheel) -> Iterator[tuple[str, str]]:
             " are taken out of one_axis in wheel.yaml",
         )
     yield from (("Note", text) for text in _left_out(found))
+    if not found.harmonics:
+        yield (
+            "Note",
+            "no order stands above the noise at enough speeds: there is no file for a budget (average longer, or"
+            " measure at more speeds)",
+        )
     if found.resonances:
         yield "Note", _resonances_in_words(found.resonances)
     speed = found.measured
@@ -131,8 +137,8 @@ def _about(found: MeasuredWheel) -> Iterator[tuple[str, str]]:
         at = int(np.argmax(np.diff(speed)))
         ends = (speed[at] / _RPM, speed[at + 1] / _RPM)
         yield "Note", f"no speed was measured between {ends[0]:.5g} and {ends[1]:.5g} rpm"
-    if found.left_out:
-        yield "Note", f"{found.left_out} more peaks are of no ridge"
+    if found.more_peaks:
+        yield "Note", f"{len(found.more_peaks)} more peaks are of no ridge"
 
 
 def _resonances_in_words(resonances: Sequence[Resonance]) -> str:
@@ -181,6 +187,13 @@ _UNITS = {
     "radial_torque": "n_m",
     "axial_torque": "n_m",
 }
+
+
+def _files_for_budget(found: MeasuredWheel) -> dict[str, str]:
+    """Files that a budget reads; none where no order is seen, which is no wheel without disturbance."""
+    if not found.harmonics:
+        return {}
+    return {"harmonics.csv": harmonics_csv(found), "wheel.yaml": wheel_yaml(found)}
 
 
 def harmonics_csv(found: MeasuredWheel) -> str:

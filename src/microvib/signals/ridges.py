@@ -24,11 +24,13 @@ LEAST_HITS = 5
 """Speeds at which a ridge must be above the floor."""
 _SHARES = (3e-2, 1e-2, 1e-3)
 """Shares of cells that are above the levels at which cells are counted."""
-_FIRST_BIN = 3
+FIRST_BIN = 3
 """First bin that is used: those below hold the mean and its leakage."""
 _LEAST_LOG = -700.0
 """Logarithm of the smallest chance that is told from others."""
 _MOST_STEPS = 20
+_LED_AWAY = 3.0
+"""Half bins at the highest speed by which an order is elsewhere than the path that it was found on."""
 _MOST_RIDGES = 200
 _RATIO_STEP = 0.04
 """Step of the ratio of moments of inertia among whirling modes that are tried."""
@@ -98,7 +100,7 @@ class PowerMap:
         """Independent spectra that each power is the mean of, by the scatter of the floor."""
         from scipy.stats import gamma
 
-        ratio = (self.power / self._median)[:, _FIRST_BIN:]
+        ratio = (self.power / self._median)[:, FIRST_BIN:]
         logs = np.log(ratio[ratio > 0.0])  # spectra or bins of zeros are of no noise
         spread = float(np.subtract(*np.percentile(logs, [75, 25])))
         trial = np.geomspace(0.5, 2000.0, 120)
@@ -130,7 +132,7 @@ class PowerMap:
     def bins(self, frequency: np.ndarray) -> np.ndarray:
         """Nearest bins; -1 where there is none."""
         found = np.rint((frequency - self.frequency[0]) / self.spacing)
-        inside = (found >= _FIRST_BIN) & (found < self.frequency.size)
+        inside = (found >= FIRST_BIN) & (found < self.frequency.size)
         return np.where(inside, found, -1.0).astype(np.int32)
 
 
@@ -158,10 +160,8 @@ class RidgeSearch:
 
     ridges: tuple[Ridge, ...]
     """The most certain first."""
-    left: np.ndarray
-    """Cells that are of no ridge, (maps, n, m)."""
-    level: np.ndarray
-    """Powers over the floor and what leaks from ridges, (maps, n, m)."""
+    of_no_order: np.ndarray
+    """Cells of lines of a constant frequency and of whirl, (maps, n, m)."""
 
 
 def find_ridges(maps: Sequence[PowerMap]) -> RidgeSearch:
@@ -173,7 +173,7 @@ def find_ridges(maps: Sequence[PowerMap]) -> RidgeSearch:
         if one is None:
             break
         found.append(one)
-    return RidgeSearch(tuple(found), search.free, search.level)
+    return RidgeSearch(tuple(found), search.of_no_order)
 
 
 _PORTION = 4096
@@ -222,11 +222,12 @@ class _Search:
         one = self.maps[0]
         self.one, self.turns = one, one.speed / (2.0 * np.pi)
         self.free = np.ones((len(self.maps), *one.power.shape), dtype=bool)
-        self.free[:, :, :_FIRST_BIN] = False
+        self.free[:, :, :FIRST_BIN] = False
+        self.of_no_order = np.zeros(self.free.shape, dtype=bool)
         self.floor = [x.floor.copy() for x in self.maps]
         """Floors with what leaks from the ridges that were found, (n, m) each."""
         self.levels = [
-            np.quantile(x.level[:, _FIRST_BIN:], 1.0 - np.array(_SHARES)) for x in self.maps
+            np.quantile(x.level[:, FIRST_BIN:], 1.0 - np.array(_SHARES)) for x in self.maps
         ]
         self.above = np.array(
             [[x.level > t for t in each] for x, each in zip(self.maps, self.levels, strict=True)]
@@ -235,7 +236,7 @@ class _Search:
         top = one.frequency[-1] / np.sort(self.turns)[min(LEAST_HITS, self.turns.size) - 1]
         self.orders = np.arange(max(step, 2.0 * step), min(top, 100.0), step)
         self.order_bins = one.bins(self.orders[:, None] * self.turns)
-        f0 = one.frequency[_FIRST_BIN + 1 :: 1]
+        f0 = one.frequency[FIRST_BIN + 1 :: 1]
         r = np.arange(_RATIO_STEP, 2.0 + 0.5 * _RATIO_STEP, _RATIO_STEP)
         self.modes = np.array(np.meshgrid(f0, r, indexing="ij")).reshape(2, -1)
         self.tests = len(self.maps) * len(_SHARES)
@@ -260,7 +261,7 @@ class _Search:
     def best(self) -> Ridge | None:
         """The next ridge, which is struck out; None where nothing is left."""
         columns = np.tile(np.arange(self.one.frequency.size)[:, None], self.turns.size)
-        columns[:_FIRST_BIN] = -1
+        columns[:FIRST_BIN] = -1
         found = []
         for kind, paths in (("order", self.order_bins), ("line", columns)):
             chances = self._chances(paths)
@@ -285,12 +286,7 @@ class _Search:
         return int(near[np.argmax(best)])
 
     def _order(self, k: int, chance: float) -> Ridge:
-        order = float(self.orders[k])
-        for _ in range(_MOST_STEPS):
-            before = order
-            order, uncertainty = self._centre(self.one.bins(order * self.turns), order)
-            if abs(order - before) < 0.1 * uncertainty:
-                break
+        order, uncertainty = self._centred_order(float(self.orders[k]))
         bins = self.one.bins(order * self.turns)
         seen = self._seen(bins)
         self._strike(bins)
@@ -299,10 +295,28 @@ class _Search:
         self._let_leak(order * self.turns, smear)
         return Ridge("order", (order,), uncertainty, 0.0, seen, chance / np.log(10.0))
 
+    def _centred_order(self, first: float) -> tuple[float, float]:
+        """The order whose lines have their centres on its path, from a ``first`` one on, and its standard
+        uncertainty.
+
+        The first is within half a bin at all speeds. Centres that lead away from it are of two orders that
+        share bins at low speeds.
+        """
+        step = 0.5 * self.one.spacing / float(self.turns[-1])
+        order = first
+        for _ in range(_MOST_STEPS):
+            before = order
+            order, uncertainty = self._centre(self.one.bins(order * self.turns), order)
+            if abs(order - first) > _LED_AWAY * step:
+                return first, step
+            if abs(order - before) < 0.1 * uncertainty:
+                break
+        return order, uncertainty
+
     def _line(self, k: int, chance: float) -> Ridge:
         bins = np.full(self.turns.size, k)
         seen = self._seen(bins)
-        widths = self._strike(bins)
+        widths = self._strike(bins, of_no_order=True)
         f = float(self.one.frequency[k])
         self._let_leak(np.full(self.turns.size, f), np.zeros(self.turns.size))
         return Ridge(
@@ -322,11 +336,6 @@ class _Search:
                 self.floor[k][i] += power * leakage(one.window, distance)
             level = one.power / self.floor[k]
             self.above[k] = [level > t for t in self.levels[k]]
-
-    @property
-    def level(self) -> np.ndarray:
-        """Powers over the floors with what leaks, (maps, n, m)."""
-        return np.array([x.power / floor for x, floor in zip(self.maps, self.floor, strict=True)])
 
     def _branches(self, modes: np.ndarray) -> list[np.ndarray]:
         """Bins of backward and forward whirl of modes (2, k), where these are apart, (k, n) each."""
@@ -362,7 +371,7 @@ class _Search:
         seen, width = np.zeros(len(self.maps), dtype=int), 0.0
         for bins in self._branches(np.array([[f0], [ratio]])):
             seen += self._seen(bins[0])
-            width = max(width, self._strike(bins[0]))
+            width = max(width, self._strike(bins[0], of_no_order=True))
         return Ridge(
             "whirl", (f0, ratio), self.one.spacing, width * self.one.spacing,
             tuple(seen.tolist()), chance / np.log(10.0),
@@ -410,15 +419,16 @@ class _Search:
         least = 0.01 * self.one.spacing / self.turns[-1]
         return mean, max(math.hypot(scatter, of_growth), least)
 
-    def _strike(self, bins: np.ndarray) -> float:
+    def _strike(self, bins: np.ndarray, *, of_no_order: bool = False) -> float:
         """Strike out the cells of a path, down to the floor or the next rise on either side; the median
         of how wide it is, in bins.
         """
         widths = []
-        for one, free in zip(self.maps, self.free, strict=True):
+        for k, one in enumerate(self.maps):
             for i in np.flatnonzero(bins >= 0):
                 low, high = _foot(one.level[i], int(bins[i]), one.lobe)
-                free[i, low : high + 1] = False
+                self.free[k, i, low : high + 1] = False
+                self.of_no_order[k, i, low : high + 1] |= of_no_order
                 half = 0.5 * one.level[i, low : high + 1].max()
                 widths.append(int(np.sum(one.level[i, low : high + 1] >= half)))
         return float(np.median(widths)) if widths else 0.0

@@ -4,15 +4,24 @@ stays unexplained.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 
+from microvib.analysis.margins import FREQUENCY_SIGMAS
 from microvib.results import FREQUENCY, ORDER, Column, Measure
-from microvib.signals.ridges import PowerMap, Ridge, RidgeSearch, find_ridges, whirl_paths
+from microvib.signals.ridges import (
+    FIRST_BIN,
+    PowerMap,
+    Ridge,
+    RidgeSearch,
+    find_ridges,
+    whirl_paths,
+)
 from microvib.studies.wheel_fit import (
+    MOTIONS,
     Coefficient,
     FoundMode,
     Reading,
@@ -25,7 +34,7 @@ from microvib.studies.wheel_fit import (
     read_order,
 )
 from microvib.studies.wheel_gaps import Fit, failed_speeds, require_power, usable_bins
-from microvib.studies.wheel_masked import held_at_all_speeds
+from microvib.studies.wheel_masked import held_at_all_speeds, largest_power
 
 COEFFICIENT = Measure(form=".4g")
 SPEED = Measure("rpm", 2.0 * np.pi / 60.0, ".5g", file_size=2.0 * np.pi / 60.0)
@@ -37,6 +46,13 @@ _MOST_LEFT = 10
 """Peaks of no ridge that are named, the largest ones."""
 _CHANCE = 1e-3
 """Chance that noise has any peak that is named."""
+_EXPLAINED = 1.5
+"""Factor of the power of orders with their largest coefficients that a peak must be above."""
+_DRIVEN, _USUAL_DRIVEN = 4.0, 0.95
+"""Factor of the level, and the quantile that it is of the levels beside modes, that what noise makes of a mode
+does not reach."""
+_NEIGHBOURS, _SAME_ORDER = 2, 0.02
+"""Speeds from one peak to the next, and part by which their orders differ, up to which they are together."""
 _MOST_SPEEDS = 4
 """Speeds that are named one by one."""
 
@@ -119,8 +135,8 @@ class MeasuredWheel:
     """Ascending by order."""
     modes: tuple[FoundMode, ...]
     unexplained: tuple[UnexplainedRow, ...]
-    left_out: int
-    """Peaks of no ridge that are not in these."""
+    more_peaks: tuple[UnexplainedRow, ...]
+    """Peaks of no ridge that are not in these, the largest first."""
     failed: Mapping[str, np.ndarray]
     """Speeds (n,) of each load that are left out, as they do not show the wheel."""
     spectra_up_to: float
@@ -156,12 +172,9 @@ class MeasuredWheel:
     def resonances(self) -> list[Resonance]:
         """Resonances of its orders that no mode explains, and the named peaks that are of no order."""
         found = self._resonances_of_orders
-        for row in self.unexplained:
-            if np.isfinite(row.speed):
-                at = int(np.argmin(np.abs(self.measured - row.speed)))
-                near = self.measured[[max(at - 1, 0), min(at + 1, self.measured.size - 1)]]
-                order = 2.0 * np.pi * row.frequency / row.speed
-                found.append(Resonance(row.load.replace(" ", "_"), order, *near.tolist()))
+        peaks = [row for row in (*self.unexplained, *self.more_peaks) if np.isfinite(row.speed)]
+        for load in dict.fromkeys(row.load for row in peaks):
+            found += _speeds_of_peaks([row for row in peaks if row.load == load], self.measured)
         return found
 
     def unexplained_rows(self) -> list[UnexplainedRow]:
@@ -242,10 +255,15 @@ def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWhee
         )
         for x in orders
     ]  # fmt: skip
-    found, more = _peaks_left(maps, search, modes)
-    rows = (*_constant(maps, search.ridges), *found)
+    peaks: list[tuple[float, UnexplainedRow]] = []
+    for (load, one), of_no_order in zip(maps.items(), search.of_no_order, strict=True):
+        ignored = of_no_order | failed[load][:, None]
+        peaks += _peaks_left(load, one, fits, modes, search, ignored)
+    peaks.sort(key=lambda x: -x[0])
+    named = [row for _, row in peaks[:_MOST_LEFT]]
     return MeasuredWheel(
-        name, maps, search.ridges, tuple(harmonics), tuple(modes), rows, more, failed,
+        name, maps, search.ridges, tuple(harmonics), tuple(modes),
+        (*_constant(maps, search.ridges), *named), tuple(row for _, row in peaks[_MOST_LEFT:]), failed,
         float(whole.frequency[-1]),
     )  # fmt: skip
 
@@ -383,27 +401,63 @@ def _beside(modes: Sequence[FoundMode], one: PowerMap) -> np.ndarray:
 
 
 def _peaks_left(
-    maps: Mapping[str, PowerMap], search: RidgeSearch, modes: Sequence[FoundMode]
-) -> tuple[list[UnexplainedRow], int]:
-    """Peaks that are of no ridge, beside no mode, and that noise does not have, the largest, and how
-    many more.
+    load: str,
+    one: PowerMap,
+    fits: Sequence[Fit],
+    modes: Sequence[FoundMode],
+    search: RidgeSearch,
+    ignored: np.ndarray,
+) -> Iterator[tuple[float, UnexplainedRow]]:
+    """Peaks of a load, with their levels over the floor, that noise does not have, and that neither orders with
+    their largest coefficients explain nor noise that excites modes; cells (n, m) of constant lines, whirl and
+    failed speeds are ``ignored``.
     """
     from scipy.stats import gamma
 
-    found: list[tuple[float, UnexplainedRow]] = []
-    for (load, one), free, of_map in zip(maps.items(), search.left, search.level, strict=True):
-        K = one.averages
-        level = np.where(free & ~_beside(modes, one), of_map, 0.0)
-        wanted = float(gamma.isf(_CHANCE / level.size, K) / K)
-        inner = level[:, 1:-1]
-        peak = (inner > 1.5 * wanted) & (inner >= level[:, :-2]) & (inner >= level[:, 2:])
-        for i, j in zip(*np.nonzero(peak), strict=True):
-            near = slice(max(j + 1 - one.lobe, 0), j + 2 + one.lobe)
-            amplitude = float(np.sqrt(2.0 * one.power[i, near].sum()))
-            row = UnexplainedRow(
-                "single peak", _words(load), float(one.frequency[j + 1]), float(one.speed[i]),
-                amplitude, _unit(load),
-            )  # fmt: skip
-            found.append((float(level[i, j + 1]), row))
-    found.sort(key=lambda x: -x[0])
-    return [row for _, row in found[:_MOST_LEFT]], max(len(found) - _MOST_LEFT, 0)
+    K = one.averages
+    errors = {x.values[0]: FREQUENCY_SIGMAS * x.uncertainty for x in _of_kind(search, "order")}
+    of_load = [fit for fit in fits if fit.load == load]
+    own = [mode for mode in modes if mode.motion == MOTIONS.get(load)]
+    off = [errors[fit.reading.order] for fit in of_load]
+    explained = largest_power(one, of_load, own, off)
+    level = np.where(ignored, 0.0, (one.power - _EXPLAINED * explained) / one.floor)
+    level[:, :FIRST_BIN] = 0.0
+    beside = _beside(modes, one)
+    if beside.any():
+        level[beside & (level < _DRIVEN * np.quantile(level[beside], _USUAL_DRIVEN))] = 0.0
+    wanted = float(gamma.isf(_CHANCE / level.size, K) / K)
+    inner = level[:, 1:-1]
+    peak = (inner > 1.5 * wanted) & (inner >= level[:, :-2]) & (inner >= level[:, 2:])
+    for i, j in zip(*np.nonzero(peak), strict=True):
+        near = slice(max(j + 1 - one.lobe, 0), j + 2 + one.lobe)
+        amplitude = float(np.sqrt(2.0 * one.power[i, near].sum()))
+        row = UnexplainedRow(
+            "single peak", _words(load), float(one.frequency[j + 1]), float(one.speed[i]),
+            amplitude, _unit(load),
+        )  # fmt: skip
+        yield float(level[i, j + 1]), row
+
+
+def _speeds_of_peaks(rows: Sequence[UnexplainedRow], measured: np.ndarray) -> list[Resonance]:
+    """Peaks of one load at neighbouring speeds of those that were ``measured`` (n,), whose orders are about
+    one, together.
+    """
+    groups: list[list[UnexplainedRow]] = []
+    for row in sorted(rows, key=lambda x: x.speed):
+        order = row.frequency / row.speed
+        at = np.searchsorted(measured, row.speed)
+        for group in groups:
+            last = group[-1]
+            near = at - np.searchsorted(measured, last.speed) <= _NEIGHBOURS
+            if near and abs(order * last.speed / last.frequency - 1.0) < _SAME_ORDER:
+                group.append(row)
+                break
+        else:
+            groups.append([row])
+    found = []
+    for group in groups:
+        order = 2.0 * np.pi * float(np.median([x.frequency / x.speed for x in group]))
+        start, stop = (int(np.searchsorted(measured, x.speed)) for x in (group[0], group[-1]))
+        ends = measured[[max(start - 1, 0), min(stop + 1, measured.size - 1)]]
+        found.append(Resonance(group[0].load.replace(" ", "_"), order, *ends.tolist()))
+    return found

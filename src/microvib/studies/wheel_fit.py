@@ -38,7 +38,7 @@ _QUIETEST = 0.1
 """Share of the speeds that tell no more of an order than the others, however low their floor is."""
 _LEAST_SHARE = 0.25
 """Share of the speeds that must show an order for its coefficient to be that of these speeds."""
-_MOTION = {"radial_force": "radial", "radial_torque": "rocking", "axial_force": "axial"}
+MOTIONS = {"radial_force": "radial", "radial_torque": "rocking", "axial_force": "axial"}
 _MOST_MODES = 3
 _RAISED = 0.35
 """Logarithm of the factor by which readings must be raised at a mode."""
@@ -460,7 +460,7 @@ class _Rise:
 
 def find_modes(load: str, readings: Sequence[Reading], whirls: Sequence[Ridge]) -> list[FoundMode]:
     """Modes that a load's orders show by rising near them, and whirl that has ridges of its own."""
-    motion = _MOTION.get(load)
+    motion = MOTIONS.get(load)
     rises = [one for one in (_rise(x) for x in readings) if one.log.size > _LEAST_SPEEDS]
     found: list[FoundMode] = []
     if motion is None:

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from microvib.signals.ridges import PowerMap, Ridge
+from microvib.signals.spectrum import leakage
 from microvib.studies.wheel_fit import (
     FoundMode,
     bins_beside,
@@ -92,6 +93,26 @@ def held_at_all_speeds(
         )
         for k, fit in enumerate(fits)
     ]  # fmt: skip
+
+
+def largest_power(
+    one: PowerMap, fits: Sequence[Fit], modes: Sequence[FoundMode], order_errors: Sequence[float]
+) -> np.ndarray:
+    """Power that orders with their largest coefficients make in each cell of a load's map, by their lines and
+    what leaks from these, (n, m); orders may be off by ``order_errors``.
+    """
+    found = np.zeros(one.power.shape)
+    bins = np.arange(one.frequency.size)
+    turns = one.speed / (2.0 * np.pi * one.spacing)
+    for fit, off in zip(fits, order_errors, strict=True):
+        order = fit.reading.order
+        factor = largest_factor(modes, order, one.speed)
+        power = 0.5 * (fit.coefficient.most * one.speed**2 * factor) ** 2
+        at = order * turns - one.frequency[0] / one.spacing
+        wide = (bins_beside(one, order) - one.lobe) + off * turns
+        distance = np.abs(bins - at[:, None]) - wide[:, None]
+        found += power[:, None] * leakage(one.window, distance)
+    return found
 
 
 def _between_neighbours(speed: np.ndarray, chosen: np.ndarray) -> tuple[tuple[float, float], ...]:

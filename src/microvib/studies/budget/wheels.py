@@ -79,7 +79,7 @@ _CYCLES, _MOST_PARTS = 0.05, 64
 """Cycles in a window by which the ends of parts of an interval differ, and how many parts there are."""
 _MAX_BISECTIONS = 40
 """How often intervals are halved, those with the largest bounds first."""
-_BESIDE_RESONANCE = 0.01
+_BESIDE_RESONANCE = 0.03
 """Part of its frequency by which the gap of a resonance is wider than its speeds say, for its order's error."""
 _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 
