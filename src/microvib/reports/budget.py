@@ -258,6 +258,7 @@ def _basis(budget: Budget) -> str:
     said += _recordings(budget)
     said += _ranges(budget)
     said += _spin(budget)
+    said += _beating_orders(budget)
     said += _ends_of_densities(budget)
     said += _ends_of_curves(budget)
     if budget.requirements and budget.requirements.source:
@@ -349,6 +350,17 @@ def _spin(budget: Budget) -> Iterator[str]:
         f" {100.0 * _GYROSCOPIC:g} % at 1 Hz from {momentum:.2g} N m s on (I = {inertia:.3g} kg m2, the least of the hub),"
         " and more below, in proportion."
     )
+
+
+def _beating_orders(budget: Budget) -> Iterator[str]:
+    """Sentence on crests of wheels' orders that may be two lines, where crests are required."""
+    names = [one.source for one in budget.contributions if one.spins]
+    if names and any(one.statistic != "rms" for one in _required(budget)):
+        yield (
+            f"Each order of {', '.join(names)} counts as one line. Two orders that a measurement did not separate"
+            " have its rms together, and as they beat a crest of up to 1.41 times its amplitude, which bounds and"
+            " levels do not hold: give both as harmonics where there may be two."
+        )
 
 
 def _torque_spread(budget: Budget, source: str, line: str) -> float:

@@ -42,7 +42,8 @@ _MODE_COLOUR = "#ff5c5c"
 _HARMONICS_CAPTION = (
     "Coefficients times the square of the speed are amplitudes, 0-to-peak. Least and most are the ends of"
     " the 95 % interval by the scatter over speeds, and hold what is clearly seen at single speeds; a harmonic"
-    " that is not seen in a load may be up to *most*."
+    " that is not seen in a load may be up to *most*. Two orders that no speed separates are one row, which has"
+    " their rms together; as they beat, their crest may be 1.41 times its amplitude."
 ).replace("*", "")
 _MODES_CAPTION = (
     "± are standard uncertainties of the fit, and least and most the ends of a damping with 95 % (0.0001 where no"
