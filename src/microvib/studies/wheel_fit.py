@@ -49,11 +49,13 @@ _CAPPED = 1.0
 """Largest deviation of a logarithm that counts among trial modes."""
 _DAMPINGS = (0.003, 0.01, 0.03, 0.08)
 _ITERATIONS = 12
-_DAMPING = 1
-"""Number of a mode's damping among its parameters."""
+_FREQUENCY, _DAMPING = 0, 1
+"""Numbers of a mode's frequency and damping among its parameters."""
+_LEAST_STEP = 1e-5
+"""Least step of the logarithm of a frequency in the search for its ends."""
 _LEAST_SCATTER = 0.01
 """Least standard deviation of the logarithm of readings."""
-_HALVINGS = 7
+_HALVINGS = 4
 _BEYOND = 2.0
 """Factor by which the frequency of a mode may be beyond those of the readings."""
 _PARTS_OFF = np.linspace(-1.0, 1.0, 65)
@@ -632,23 +634,30 @@ def _polished(
     scatter = misfit.scatter(left)
     weighted = fit.jac / scatter[:, None]
     error = np.sqrt(np.maximum(np.diag(np.linalg.pinv(weighted.T @ weighted)), 0.0))
-    errors = np.array([mode[0] * error[0], float(error[2]) if rocking else 0.0])
-    ends = _ends_of_damping(misfit, fit.x, scatter)
-    return mode, errors, ends, float(np.sum(np.minimum(np.abs(left), _CAPPED)))
+    ends = [
+        _ends(misfit, fit.x, scatter, k, step)
+        for k, step in ((_FREQUENCY, max(float(error[_FREQUENCY]), _LEAST_STEP)), (_DAMPING, 0.1))
+    ]
+    of_frequency = max(abs(end / mode[0] - 1.0) for end in ends[_FREQUENCY]) / _TWO_SIDED
+    errors = np.array([mode[0] * of_frequency, float(error[2]) if rocking else 0.0])
+    return mode, errors, ends[_DAMPING], float(np.sum(np.minimum(np.abs(left), _CAPPED)))
 
 
-def _ends_of_damping(misfit: _Misfit, best: np.ndarray, scatter: np.ndarray) -> tuple[float, float]:
-    """Dampings between which a mode's is with a probability of 95 %, by what the best of all fits with each
-    of them leaves of readings with a ``scatter`` (n,) (profile likelihood): readings that are not near the
-    peak tell little of how high it is.
+def _ends(
+    misfit: _Misfit, best: np.ndarray, scatter: np.ndarray, which: int, step: float
+) -> tuple[float, float]:
+    """Frequencies [Hz] or dampings, by ``which``, between which a mode's is with a probability of 95 %, by what
+    the best of all fits with each of them leaves of readings with a ``scatter`` (n,) (profile likelihood):
+    readings that are not near the peak tell little of how high it is. A first ``step`` of its logarithm is
+    doubled until it is outside.
     """
     from scipy.optimize import least_squares
 
-    free = np.arange(best.size) != _DAMPING
+    free = np.arange(best.size) != which
 
-    def cost(log_damping: float) -> float:
+    def cost(log_value: float) -> float:
         def deviations(rest: np.ndarray) -> np.ndarray:
-            return misfit.deviations(np.insert(rest, _DAMPING, log_damping)) / scatter
+            return misfit.deviations(np.insert(rest, which, log_value)) / scatter
 
         fit = least_squares(
             deviations, best[free], loss="soft_l1", f_scale=_TWO_SIDED,
@@ -656,15 +665,22 @@ def _ends_of_damping(misfit: _Misfit, best: np.ndarray, scatter: np.ndarray) -> 
         )  # fmt: skip
         return 2.0 * float(fit.cost)
 
-    own = float(best[_DAMPING])
+    own = float(best[which])
     allowed = cost(own) + _TWO_SIDED**2
-    ends = []
-    for end in (float(misfit.low[_DAMPING]), float(misfit.high[_DAMPING])):
-        inside, outside = own, end
-        if cost(end) <= allowed:
-            inside = outside
+
+    def end(towards: float, first: float) -> float:
+        inside, outside, wide = own, own + first, first
+        while abs(outside - own) < abs(towards - own) and cost(outside) <= allowed:
+            wide *= 2.0
+            inside, outside = outside, own + wide
+        if abs(outside - own) >= abs(towards - own):
+            outside = towards
+            if cost(outside) <= allowed:
+                return outside
         for _ in range(_HALVINGS):
             middle = 0.5 * (inside + outside)
             inside, outside = (middle, outside) if cost(middle) <= allowed else (inside, middle)
-        ends.append(math.exp(outside))
-    return ends[0], ends[1]
+        return outside
+
+    low, high = float(misfit.low[which]), float(misfit.high[which])
+    return math.exp(end(low, -step)), math.exp(end(high, step))
