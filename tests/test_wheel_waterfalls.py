@@ -16,7 +16,7 @@ from support.wheel_waterfalls import COEFFICIENTS, KINDS, RPM, KnownWheel, write
 from microvib.cli.main import main
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.file_access import NO_FILES
-from microvib.io.waterfall_files import read_waterfall
+from microvib.io.waterfall_files import LAYOUTS, read_waterfall
 from microvib.model.sentences import validate_part
 from microvib.signals.ridges import PowerMap, Ridge, find_ridges
 from microvib.signals.spectrum import noise_bandwidth
@@ -228,6 +228,20 @@ def test_matrices_of_matlab_are_read_by_name(tmp_path: Path) -> None:
         read_waterfall(path)
     with pytest.raises(MicrovibError, match="no matrix 'Mz'"):
         read_waterfall(path, "Mz")
+
+
+def test_a_square_matrix_of_matlab_is_read_as_it_is_said_and_magnitudes_of_a_complex_one(
+    tmp_path: Path,
+) -> None:
+    from scipy.io import savemat
+
+    speed, values = np.arange(1.0, 71.0), np.random.default_rng(1).uniform(1.0, 2.0, (70, 70))
+    path = tmp_path / "a.mat"
+    savemat(path, {"speed_rpm": speed, "freq": 10.0 * speed, "Fz": values * 1j})
+    assert read_waterfall(path, "Fz", LAYOUTS[0]).values == pytest.approx(values)
+    assert read_waterfall(path, "Fz", LAYOUTS[1]).values == pytest.approx(values.T)
+    with pytest.raises(OptionError, match="as many speeds as frequencies"):
+        read_waterfall(path, "Fz")
 
 
 def test_spectra_of_a_universal_file_have_their_speed_along_the_third_axis(tmp_path: Path) -> None:

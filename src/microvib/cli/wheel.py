@@ -44,7 +44,7 @@ _number_options = options(
     click.option(
         "--layout",
         type=click.Choice(["speeds-in-rows", "speeds-in-columns"]),
-        help="Of a CSV file whose first cell does not say it, as 'rpm \\ Hz' does.",
+        help="Of a CSV file whose first cell does not say it, as 'rpm \\ Hz' does, and of a square MAT matrix.",
     ),
 )
 

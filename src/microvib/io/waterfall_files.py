@@ -44,7 +44,8 @@ def read_waterfall(
 ) -> SpectraOverSpeed:
     """The matrix of a file, called ``name`` where it holds several.
 
-    ``layout`` is one of LAYOUTS, for a CSV file whose first cell does not say where speeds stand.
+    ``layout`` is one of LAYOUTS, for a CSV file whose first cell does not say where speeds stand, and a square
+    matrix in MAT.
     MicrovibError where the file is no such matrix, OptionError where something must be stated.
     """
     ending = path.suffix.lower()
@@ -59,7 +60,7 @@ def read_waterfall(
     else:
         with as_read_errors(path, MicrovibError):
             check_file(path, LARGEST)
-            found = _read_mat(path, name) if ending == ".mat" else _read_uff(path, name)
+            found = _read_mat(path, name, layout) if ending == ".mat" else _read_uff(path, name)
     return _checked(path, *found)
 
 
@@ -109,7 +110,9 @@ def _numbers(path: Path, k: int, cells: list[str]) -> np.ndarray:
         return np.array([parse_finite(f"{path}, row {k}:", cell) for cell in cells])
 
 
-def _read_mat(path: Path, name: str | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _read_mat(
+    path: Path, name: str | None, layout: str | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     data = _flat(read_matlab(path))
     vectors = {key: x for key, x in data.items() if x.ndim == 1 and x.size > 1}
     matrices = {key: x for key, x in data.items() if x.ndim == 2}
@@ -125,24 +128,32 @@ def _read_mat(path: Path, name: str | None) -> tuple[np.ndarray, np.ndarray, np.
         name = next(iter(matrices))
     values = matrices[name]
     shape = (speed.size, frequency.size)
-    if values.shape == shape[::-1] and values.shape != shape:
-        values = values.T
-    if values.shape != shape or shape[0] == shape[1]:
+    if values.shape not in (shape, shape[::-1]):
         raise MicrovibError(
             f"{path}: '{name}' is {values.shape[0]} x {values.shape[1]}; {shape[0]} speeds and {shape[1]}"
-            " frequencies, of different number, are expected"
+            " frequencies are expected"
         )
-    return speed, frequency, values
+    if shape[0] != shape[1]:
+        in_rows = values.shape == shape
+    elif layout is not None:
+        in_rows = layout == LAYOUTS[0]
+    else:
+        raise OptionError(
+            "layout",
+            f"as many speeds as frequencies: it is not said which are the rows of '{name}';"
+            f" {' or '.join(LAYOUTS)} is expected",
+        )
+    return speed, frequency, values if in_rows else values.T
 
 
 def _flat(data: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Arrays of numbers by name, those of structs with a dot."""
+    """Arrays of numbers by name, magnitudes of complex ones, those of structs with a dot."""
     found: dict[str, np.ndarray] = {}
     for key, x in data.items():
         if isinstance(x, Mapping):
             found |= {f"{key}.{inner}": y for inner, y in _flat(x).items()}
-        elif isinstance(x, np.ndarray) and x.dtype.kind in "fiu":
-            found[key] = x.astype(float)
+        elif isinstance(x, np.ndarray) and x.dtype.kind in "fiuc":
+            found[key] = (np.abs(x) if x.dtype.kind == "c" else x).astype(float)
     return found
 
 
