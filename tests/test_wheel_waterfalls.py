@@ -240,7 +240,7 @@ def test_a_square_matrix_of_matlab_is_read_as_it_is_said_and_magnitudes_of_a_com
     savemat(path, {"speed_rpm": speed, "freq": 10.0 * speed, "Fz": values * 1j})
     assert read_waterfall(path, "Fz", LAYOUTS[0]).values == pytest.approx(values)
     assert read_waterfall(path, "Fz", LAYOUTS[1]).values == pytest.approx(values.T)
-    with pytest.raises(OptionError, match="as many speeds as frequencies"):
+    with pytest.raises(MicrovibError, match="by layout, speeds-in-rows or speeds-in-columns"):
         read_waterfall(path, "Fz")
 
 

@@ -138,10 +138,9 @@ def _read_mat(
     elif layout is not None:
         in_rows = layout == LAYOUTS[0]
     else:
-        raise OptionError(
-            "layout",
-            f"as many speeds as frequencies: it is not said which are the rows of '{name}';"
-            f" {' or '.join(LAYOUTS)} is expected",
+        raise MicrovibError(
+            f"{path}: has as many speeds as frequencies; say which are the rows of '{name}' by layout,"
+            f" {' or '.join(LAYOUTS)}"
         )
     return speed, frequency, values if in_rows else values.T
 
