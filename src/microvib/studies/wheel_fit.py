@@ -275,27 +275,11 @@ def largest_factor(modes: Sequence[FoundMode], order: float, speed: np.ndarray) 
     total = np.zeros(speed.size)
     for one in modes:
         off = np.array([one.frequency_error(x) for x in speed.tolist()])
-        lightest = one.dampings[0]
-        either = (1.0, -1.0) if one.motion == "rocking" else (1.0,)
-        total += np.max(
-            [
-                log_factor(
-                    np.stack(
-                        [
-                            one.frequency * (1.0 + part * off),
-                            np.full(speed.size, lightest),
-                            np.full(speed.size, one.inertia_ratio),
-                        ]
-                    ),
-                    order * speed / (2.0 * np.pi),
-                    speed,
-                    way,
-                )
-                for part in _PARTS_OFF
-                for way in either
-            ],
-            axis=0,
-        )
+        frequency = one.frequency * (1.0 + _PARTS_OFF[:, None] * off)
+        mode = np.stack(np.broadcast_arrays(frequency, one.dampings[0], one.inertia_ratio))
+        ways = (1.0, -1.0) if one.motion == "rocking" else (1.0,)
+        each = [log_factor(mode, order * speed / (2.0 * np.pi), speed, way) for way in ways]
+        total += np.max(each, axis=(0, 1))
     return np.exp(total)
 
 
@@ -577,8 +561,8 @@ class _Misfit:
         self.low = np.full(self.number + levels, -np.inf)
         self.high = -self.low
         measured = np.concatenate([one.frequency for one in rises])
-        self.low[0] = np.log(float(measured.min()) / _BEYOND)
-        self.high[0] = np.log(float(measured.max()) * _BEYOND)
+        self.low[_FREQUENCY] = np.log(float(measured.min()) / _BEYOND)
+        self.high[_FREQUENCY] = np.log(float(measured.max()) * _BEYOND)
         self.low[_DAMPING], self.high[_DAMPING] = np.log(_LEAST_DAMPING), np.log(_LARGEST_DAMPING)
         if rocking:
             self.low[2], self.high[2] = 0.0, 2.0

@@ -506,7 +506,7 @@ class Wheel(Part):
     )
     resonances: tuple[WheelResonance, ...] = Field(
         default=(),
-        max_length=1000,
+        max_length=100_000,
         description="speeds between which loads have a resonance that no mode explains; nothing is judged there",
     )
     axis: Direction = Field(description="spin axis, hub axes")
