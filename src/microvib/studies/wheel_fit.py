@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from microvib.signals.ridges import PowerMap, Ridge, whirl_paths
+from microvib.studies.budget.files import WheelMode
+from microvib.studies.budget.wheel_modes import amplification
 
 CONFIDENCE = 0.95
 """Confidence level of the intervals of coefficients."""
@@ -38,7 +41,12 @@ _QUIETEST = 0.1
 """Share of the speeds that tell no more of an order than the others, however low their floor is."""
 _LEAST_SHARE = 0.25
 """Share of the speeds that must show an order for its coefficient to be that of these speeds."""
-MOTIONS = {"radial_force": "radial", "radial_torque": "rocking", "axial_force": "axial"}
+Motion = Literal["rocking", "radial", "axial"]
+MOTIONS: Mapping[str, Motion] = {
+    "radial_force": "radial",
+    "radial_torque": "rocking",
+    "axial_force": "axial",
+}
 _MOST_MODES = 3
 _RAISED = 0.35
 """Logarithm of the factor by which readings must be raised at a mode."""
@@ -58,8 +66,6 @@ _LEAST_SCATTER = 0.01
 _HALVINGS = 4
 _BEYOND = 2.0
 """Factor by which the frequency of a mode may be beyond those of the readings."""
-_PARTS_OFF = np.linspace(-1.0, 1.0, 65)
-"""Parts of what a mode's frequency may be off at which its factor is looked at."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +122,7 @@ class Reading:
 class FoundMode:
     """A structural mode of the wheel."""
 
-    motion: str
+    motion: Motion
     frequency: float
     """At rest [Hz]."""
     damping: float
@@ -141,6 +147,14 @@ class FoundMode:
             still = 2.0 * math.pi * self.frequency
             found += 0.5 * off * speed / math.hypot(still, 0.5 * self.inertia_ratio * speed)
         return min(_TWO_SIDED * found, _LARGEST_ERROR)
+
+    def of_budget(self, highest_speed: float) -> WheelMode:
+        """The mode as a budget takes it up to a speed [rad/s]."""
+        return WheelMode.model_construct(
+            motion=self.motion, frequency=self.frequency, damping=self.damping,
+            inertia_ratio=self.inertia_ratio, frequency_error=self.frequency_error(highest_speed),
+            damping_least=self.dampings[0], damping_most=self.dampings[1],
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -269,18 +283,14 @@ def factor_of(modes: Sequence[FoundMode], order: float, speed: np.ndarray) -> np
 
 
 def largest_factor(modes: Sequence[FoundMode], order: float, speed: np.ndarray) -> np.ndarray:
-    """Largest factor of the modes on an order at speeds (n,) [rad/s], within what their frequencies and
-    dampings may be off and, of whirl, by loads that go round either way.
+    """Largest factor of the modes on an order at speeds (n,) [rad/s] that a budget takes, by loads that go round
+    either way.
     """
-    total = np.zeros(speed.size)
+    found, f = np.ones(speed.size), order * speed[None, :] / (2.0 * np.pi)
     for one in modes:
-        off = np.array([one.frequency_error(x) for x in speed.tolist()])
-        frequency = one.frequency * (1.0 + _PARTS_OFF[:, None] * off)
-        mode = np.stack(np.broadcast_arrays(frequency, one.dampings[0], one.inertia_ratio))
-        ways = (1.0, -1.0) if one.motion == "rocking" else (1.0,)
-        each = [log_factor(mode, order * speed / (2.0 * np.pi), speed, way) for way in ways]
-        total += np.max(each, axis=(0, 1))
-    return np.exp(total)
+        mode = one.of_budget(float(speed.max()))
+        found *= np.max(amplification(mode, f, np.array([order])).most, axis=(0, 1))
+    return found
 
 
 # ---- Coefficients ----
@@ -498,7 +508,7 @@ def _deviations(modes: np.ndarray, one: _Rise, way: float) -> np.ndarray:
     return np.minimum(np.abs(left - np.median(left, axis=1, keepdims=True)), _CAPPED)
 
 
-def _next_mode(motion: str, rises: Sequence[_Rise]) -> FoundMode | None:
+def _next_mode(motion: Motion, rises: Sequence[_Rise]) -> FoundMode | None:
     """The mode that explains most of what is left of orders; None where none does."""
     rocking = motion == "rocking"
     trial = _best_trial(rises, rocking)
