@@ -116,7 +116,7 @@ def test_a_torque_is_the_same_to_the_last_bit_alone(drives, torques):
 def test_failures_stand_in_their_place(state_1, drives, torques):
     lost = state_1.with_si({**SHORT, "tracking.rate": "300 deg/s"})
     stiff = state_1.with_si(
-        {**SHORT, "driver.proportional_gain": 1e160, "driver.integral_gain": 1e200}
+        {**SHORT, "driver.proportional_gain": 1e40, "driver.integral_gain": 1e50}
     )
     results = simulate_torques([lost, drives[0], stiff, lost, drives[1], *[stiff] * 9, drives[2]])
     assert same(results[1], torques[0])

@@ -2422,6 +2422,28 @@ def test_a_column_that_would_count_as_nothing_is_refused(
     assert says in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("key", "rows", "says"),
+    [
+        ("density", "10,1", "holds one frequency; a density needs two or more"),
+        ("density", "5,1\n10,1\n10,2", "row 4: frequency_hz: 10 Hz is not above 10 Hz of the row before"),
+        ("density", "-1,1\n10,1", "row 2: frequency_hz: -1 is not allowed; 0 Hz or more is expected"),
+        ("density", "5,1\n10,-1", "row 3: fx_n2_hz: -1 is not allowed; a density is 0 or more"),
+        ("lines", "5,1\n10,1e300", "row 3: fx_n is 1e+300; a number within 1e+50 is expected"),
+    ],
+)  # fmt: skip
+def test_a_row_that_is_no_source_is_named(tmp_path: Path, key: str, rows: str, says: str) -> None:
+    column = {"density": "fx_n2_hz", "lines": "fx_n"}[key]
+    (tmp_path / "l.csv").write_text(f"frequency_hz,{column}\n{rows}\n")
+    with pytest.raises(mv.MicrovibError) as caught:
+        contribution_of_other(
+            OtherSource(**{"name": "p", "point": "center", key: "l.csv"}),
+            scenario_of(whole.FullCraft()),
+            FileAccess(tmp_path),
+        )
+    assert says in str(caught.value)
+
+
 @pytest.mark.parametrize(("key", "end"), [("lines", ""), ("density", "2_hz")])
 def test_an_axis_about_which_a_table_says_nothing_is_not_judged(
     tmp_path: Path, key: str, end: str

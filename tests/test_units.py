@@ -134,6 +134,7 @@ def test_units_are_read_as_people_and_print_write_them(written, unit, value):
         ("20 °C", "K", "has a unit with an offset"),
         ("1 As", "A", "wrong dimension"),
         ("1e999 A", "A", "is not finite"),
+        ("-1e60 A", "A", "is too large"),
         ("1e-999 A", "A", "too small for a number"),
         ("nan A", "A", "is not finite"),
         ("1 A^9^9^9^9", "A", "unknown unit"),

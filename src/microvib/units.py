@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
     from pydantic_core import PydanticCustomError, core_schema
 
+LARGEST_MAGNITUDE = 1e50
+"""Largest number that a quantity or a cell of a table may be, so that no product of them overflows."""
+
 _NUMBER = re.compile(r"\s*([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf))\s*")
 _UNIT = re.compile(r"(1?/)?[A-Za-z_][A-Za-z0-9_*/^.() -]*")
 _EXPONENT = re.compile(r"\^-?\d{1,2}(\.\d{1,2})?(?![\d.^])")
@@ -167,6 +170,8 @@ def convert(text: str, unit: str, example: str = "") -> float:
     value = number * (_factor(plain, written, unit) if written else 1.0)
     if not math.isfinite(value):
         raise ValueError("is not finite")
+    if abs(value) > LARGEST_MAGNITUDE:
+        raise ValueError(f"is too large; {LARGEST_MAGNITUDE:g} {unit} at most is expected")
     if value == 0.0 and re.search("[1-9]", re.split("[eE]", digits)[0]):
         raise ValueError("is too small for a number")
     return value
@@ -404,6 +409,8 @@ class Quantity:
         number = self._number(value, bool(info.context and info.context.get("si")))
         if not math.isfinite(number):
             raise self._error(value, f"is not finite; allowed is {self.allowed}")
+        if abs(number) > LARGEST_MAGNITUDE:
+            raise self._error(value, f"is too large; {LARGEST_MAGNITUDE:g} {self.unit} at most is expected")
         if not self._allows(number):
             raise self._error(
                 value, f"is not allowed; it must be {self.allowed}{self._other_form(value, number)}"

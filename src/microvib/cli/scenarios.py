@@ -218,6 +218,7 @@ def report(
     from microvib.io.writing import write_file
     from microvib.reports.bands import with_bands
     from microvib.reports.outcome import report as report_of
+    from microvib.reports.outcome import terminal_text
     from microvib.reports.rendering import html, pdf
     from microvib.reports.run.outcome import run_outcome
     from microvib.studies.bands import judge_bands_of_run
@@ -236,12 +237,13 @@ def report(
     peaks = judge_bands_of_run(result, run.band_limits, run.roll_off)
     outcome = with_bands(run_outcome(result, allowed, run.versions), peaks)
     document = report_of(outcome).in_form(form)
+    echo(terminal_text(outcome))
     contents = [
         pdf(document) if target.suffix.lower() == ".pdf" else html(document) for target in targets
     ]
     for target, content in zip(targets, contents, strict=True):
         write_file(target, content, overwrite=again)
-        click.echo(f"Written: {target}")
+        echo(f"Written: {target}")
 
 
 def _check(targets: list[Path], form: Form, again: bool) -> None:

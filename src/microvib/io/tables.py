@@ -26,6 +26,7 @@ from microvib.io.writing import EDITED_COPY, require_unchanged
 from microvib.model.reference import Reference
 from microvib.results import columns_of
 from microvib.signals.line_table import Line, LineTable
+from microvib.units import LARGEST_MAGNITUDE
 
 _COMMA, _POINT = (re.compile(rf"\s*[+-]?\d*{mark}\d+([eE][+-]?\d+)?\s*") for mark in (",", r"\."))
 
@@ -268,6 +269,8 @@ def parse_finite(where: str, text: str | None, kind: type[MicrovibError] = Micro
         raise kind(f"{where} '{str(text)[:60]}' is not a number") from None
     if not math.isfinite(value):
         raise kind(f"{where} is {value}; a finite number is expected")
+    if abs(value) > LARGEST_MAGNITUDE:
+        raise kind(f"{where} is {value:g}; a number within {LARGEST_MAGNITUDE:g} is expected")
     return value
 
 

@@ -484,11 +484,7 @@ def _of_density(
     path = files.under("density").path(source.density)
     rows, chosen = _table(path, "densities", (_LOAD_DENSITIES, _LOS_DENSITIES))
     f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
-    if f.size < 2 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0 or np.any(~(S >= 0.0)):
-        raise MicrovibError(
-            f"{path}: frequencies that ascend from 0 Hz or more are expected, and densities of 0 or"
-            " more"
-        )
+    _check_density(path, f, S, chosen)
     gaps, bounds = _missing_axes_gap(rows, chosen), None
     if chosen == _LOAD_DENSITIES:
         place = _load_point_motion(source, scenario)
@@ -519,6 +515,31 @@ def _of_density(
         side=side,
         gaps=gaps,
     )
+
+
+def _check_density(path: Path, f: np.ndarray, S: np.ndarray, names: tuple[str, ...]) -> None:
+    """MicrovibError where frequencies do not ascend, or a density is no number of 0 or more."""
+    if f.size < 2:
+        raise MicrovibError(
+            f"{path}: holds one frequency; a density needs two or more, between which it is linear"
+        )
+    if not f[0] >= 0.0:
+        raise MicrovibError(
+            f"{path}: row 2: frequency_hz: {f[0]:g} is not allowed; 0 Hz or more is expected"
+        )
+    falls = np.flatnonzero(~(np.diff(f) > 0.0))
+    if falls.size:
+        row = int(falls[0])
+        raise MicrovibError(
+            f"{path}: row {row + 3}: frequency_hz: {f[row + 1]:g} Hz is not above {f[row]:g} Hz of the row before; frequencies"
+            " that ascend are expected, and a step as two of them close together"
+        )
+    wrong = np.argwhere(~(S >= 0.0))
+    if wrong.size:
+        row, column = wrong[0]
+        raise MicrovibError(
+            f"{path}: row {row + 2}: {names[column]}: {S[row, column]:g} is not allowed; a density is 0 or more"
+        )
 
 
 def _bounds_over_correlations(parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
