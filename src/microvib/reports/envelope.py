@@ -198,7 +198,15 @@ def _percentile_notes(found: Envelope, percentiles: Sequence[str]) -> Iterator[s
 
 def _channel_notes(found: Envelope, one: ChannelEnvelope) -> Iterator[str]:
     if found.limit is not None and one.curve is None:
-        yield f"The limit has no curve for {channel_words(one)}, which is not judged."
+        column = {"T": "t_nm", "F": f"{one.channel.lower()}_n"}.get(
+            one.channel[0], f"{one.channel.lower()}_nm"
+        )
+        yield (
+            f"The limit has no curve for {channel_words(one)}, which is not judged; a limit file"
+            f" with the column {column} has one."
+        )
+        if one.channel != DRIVE_TORQUE and not found.limit.loads:
+            yield "This limit is of the torque about the drive axis: channel T_d."
     if one.without_samples and (one.spectrum or one.density):
         name, why = one.without_samples[0]
         more = len(one.without_samples) - 1
