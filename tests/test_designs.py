@@ -121,6 +121,8 @@ def test_the_command_compares_two_designs(tmp_path: Path) -> None:
     }
     assert rows["P-4"]["passed_by"] == rows["P-4"]["smaller"] == "A"
     assert rows["P-4"]["b_verdict"] == "fail"
+    ratio = float(rows["P-4"]["b_value_rad"]) / float(rows["P-4"]["a_value_rad"])
+    assert float(rows["P-4"]["change_percent"]) == pytest.approx(100.0 * (ratio - 1.0), rel=1e-6)
     assert rows["P-1"]["smaller"] == "no difference within uncertainty"  # a constant is not in RPE
     assert "A alone passes all of 5 requirements" in done.output
     said = json.loads((tmp_path / "o" / "designs.json").read_text())["b"]

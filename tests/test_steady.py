@@ -17,6 +17,7 @@ from microvib.analysis.lines import steady_lines
 from microvib.analysis.run import run_scenario
 from microvib.analysis.start import steady_state_fallback_note
 from microvib.model.expected import ExpectedLine
+from microvib.model.record import PASSBAND
 from microvib.reports.document import Text
 from microvib.reports.outcome import Pairs
 from microvib.reports.run.first_page import first_page
@@ -630,3 +631,15 @@ def test_a_report_says_how_long_a_run_from_rest_takes_to_repeat():
     [simulated] = [item for item in first_page(found, None) if isinstance(item, Pairs)]
     said = dict(simulated.rows)["Steady state"]
     assert said.endswith(f"; a run from rest repeated within {solver['arrived_s']:.3g} s")
+
+
+def test_a_fourier_series_does_not_depend_on_the_sample_rate() -> None:
+    changes = {"tracking.rate": "0.02 deg/s", "driver.microsteps": 4}
+    series = []
+    for rate in ("512 Hz", "8192 Hz"):
+        state = steady_state(mv.load_scenario("state-1", {**changes, "record.sample_rate": rate}))
+        series.append(np.abs(state.harmonics("T_d", int(PASSBAND * 512.0 / state.frequency) + 1)))
+    coarse, fine = series
+    shown = fine > 1e-3 * np.max(fine[1:])
+    assert np.count_nonzero(shown[fine.size // 2 :]) > 20
+    assert coarse[shown] == pytest.approx(fine[shown], rel=1e-3)

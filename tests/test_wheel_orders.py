@@ -74,7 +74,7 @@ def test_orders_of_a_run_are_those_of_the_wheel(tmp_path: Path, name: str) -> No
     for one, (order, c) in zip(found.harmonics, TRUE.items(), strict=True):
         assert abs(one.order - order) <= 2.0 * one.uncertainty
         assert abs(one.order - order) < 2e-4 * order
-        assert one.uncertainty < 1e-3 * order
+        assert one.uncertainty < 3e-3 * order  # a run-up of 5 s does not exclude others as near
         assert one.coefficients["radial_force"].least < c < one.coefficients["radial_force"].most
     low, high = (x / RPM for x in found.speeds)
     assert low >= LOW * (1.0 - 5e-4)

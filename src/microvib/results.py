@@ -133,6 +133,14 @@ class Column:
     """Whether a terminal, which is narrow, leaves it out."""
     role: Role = ""
 
+    def __post_init__(self) -> None:
+        if self.measure is not None:
+            size = {"percent": self.measure.size, "deg": _DEGREE}.get(self.key.rpartition("_")[2])
+            if size not in (None, self.measure.file_size):
+                raise ValueError(
+                    f"{self.key}: files have it in units of {self.measure.file_size:g}"
+                )
+
     @property
     def title(self) -> str:
         """The heading with the unit: ``rate [deg/s]``."""

@@ -410,7 +410,9 @@ class Quantity:
         if not math.isfinite(number):
             raise self._error(value, f"is not finite; allowed is {self.allowed}")
         if abs(number) > LARGEST_MAGNITUDE:
-            raise self._error(value, f"is too large; {LARGEST_MAGNITUDE:g} {self.unit} at most is expected")
+            raise self._error(
+                value, f"is too large; {LARGEST_MAGNITUDE:g} {self.unit} at most is expected"
+            )
         if not self._allows(number):
             raise self._error(
                 value, f"is not allowed; it must be {self.allowed}{self._other_form(value, number)}"

@@ -20,6 +20,7 @@ from microvib.studies.budget.study import summary
 from microvib.studies.budget.sums import LEFT_OUT_IN_TURN, Assessment
 
 CHANGE = replace(DECIBEL, form="+z.2f")
+_RELATIVE_CHANGE = replace(DIFFERENCE, file_size=DIFFERENCE.size)
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class DesignRow:
     ]
     b_margin: Annotated[float, Column("b_margin_db", "margin of B", DECIBEL)]
     b_verdict: Annotated[str, Column("b_verdict", "verdict of B", role="verdict")]
-    change: Annotated[float, Column("change_percent", "B over A", DIFFERENCE)]
+    change: Annotated[float, Column("change_percent", "B over A", _RELATIVE_CHANGE)]
     change_db: Annotated[float, Column("change_db", "B over A", CHANGE)]
     passed_by: Annotated[str, Column("passed_by", "passed by")]
     better: Annotated[str, Column("smaller", "smaller")]

@@ -216,6 +216,12 @@ def whirl_paths(frequency: np.ndarray, ratio: np.ndarray, speed: np.ndarray) -> 
     return np.array([root - half, root + half])
 
 
+def is_steady(one: PowerMap, order: float) -> np.ndarray:
+    """Spectra of a map during which the line of an order does not move much farther than during others, (n,)."""
+    smear = order * one.smear / (2.0 * np.pi * one.spacing)
+    return np.asarray(smear <= max(_STEADY * float(np.quantile(smear, 0.25)), _STEADY))
+
+
 class _Search:
     def __init__(self, maps: Sequence[PowerMap]) -> None:
         self.maps = list(maps)
@@ -392,7 +398,7 @@ class _Search:
         correction for that growth, a part of which is in the uncertainty.
         """
         smear = order * self.one.smear / (2.0 * np.pi * self.one.spacing)
-        steady = smear <= max(_STEADY * float(np.quantile(smear, 0.25)), _STEADY)
+        steady = is_steady(self.one, order)
         turns = self.one.centre_of_lines / (2.0 * np.pi)
         found, weights, corrected = [], [], []
         for one, free in zip(self.maps, self.free, strict=True):

@@ -5,6 +5,7 @@ bands.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -200,6 +201,48 @@ def leakage(window: Window, distance: np.ndarray) -> np.ndarray:
     amplitude = np.abs(sum(parts, start=np.zeros(at.size))) / np.pi
     power = np.maximum.accumulate(amplitude[::-1])[::-1] ** 2 / noise_bandwidth(window)
     return np.interp(distance, np.r_[at[0] - 0.5, at], np.r_[1.0, power])
+
+
+_SHAPE_POINTS, _SHAPE_PARTS = 256, 32
+"""Instants of a spectrum, and parts of a bin, at which the shape of a line is known."""
+
+
+@dataclass(frozen=True)
+class LineShape:
+    """Shape of a line in a spectrum: its power in a bin over what it has in all bins together."""
+
+    distance: np.ndarray
+    """Ascending distances from the line's mean frequency [bins], (n,)."""
+    part: np.ndarray
+    """Part of its power in a bin there, (n,)."""
+
+    def __call__(self, distance: np.ndarray) -> np.ndarray:
+        """Interpolate at some distances (...) [bins]; far away 0."""
+        return np.interp(distance, self.distance, self.part, left=0.0, right=0.0)
+
+
+def line_shape(window: Window, smear: float = 0.0, growth: float = 0.0) -> LineShape:
+    """Find the shape of a line that moves evenly by ``smear`` [bins] during its spectrum, to a tenth of a bin.
+
+    Its frequency grows by a part ``growth`` meanwhile, and its amplitude with the square of that.
+    """
+    return _line_shape(window, round(smear, 1), round(growth, 3))
+
+
+@cache
+def _line_shape(window: Window, smear: float, growth: float) -> LineShape:
+    u = (np.arange(_SHAPE_POINTS) + 0.5) / _SHAPE_POINTS - 0.5
+    weight = (
+        sum(a * np.cos(2.0 * np.pi * k * (u + 0.5)) for k, a in enumerate(_COSINES[window]))
+        * (1.0 + growth * u) ** 2
+    )
+    square = np.sum(weight**2)
+    moving = weight * np.exp(1j * np.pi * smear * u**2)
+    part = np.abs(np.fft.fft(moving, _SHAPE_POINTS * _SHAPE_PARTS)) ** 2 / (_SHAPE_POINTS * square)
+    distance = (
+        np.fft.fftfreq(part.size, 1.0 / _SHAPE_POINTS) - smear * float(weight**2 @ u) / square
+    )
+    return LineShape(np.fft.fftshift(distance), np.fft.fftshift(part))
 
 
 def amplitude_spectrum(

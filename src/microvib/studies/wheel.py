@@ -12,6 +12,7 @@ import numpy as np
 
 from microvib.analysis.margins import FREQUENCY_SIGMAS
 from microvib.results import FREQUENCY, ORDER, Column, Measure
+from microvib.signals.close_orders import told_apart
 from microvib.signals.ridges import (
     FIRST_BIN,
     PowerMap,
@@ -31,6 +32,7 @@ from microvib.studies.wheel_fit import (
     find_modes,
     fit_coefficient,
     over_axes,
+    read_apart,
     read_order,
 )
 from microvib.studies.wheel_gaps import Fit, failed_speeds, require_power, usable_bins
@@ -236,13 +238,13 @@ def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWhee
         Where a load is zero everywhere, or too few speeds show the orders.
     """
     require_power(maps)
-    search = find_ridges(list(maps.values()))
+    search = _ridges(maps)
     fits, modes = _fits(maps, search, _all_kept(maps))
     whole = next(iter(maps.values()))
     count = usable_bins(maps, fits)
     if count < whole.frequency.size:
         maps = {load: one.up_to_bin(count) for load, one in maps.items()}
-        search = find_ridges(list(maps.values()))
+        search = _ridges(maps)
         fits, modes = _fits(maps, search, _all_kept(maps))
     failed = failed_speeds(maps, fits)
     if any(x.any() for x in failed.values()):
@@ -266,6 +268,11 @@ def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWhee
         (*_constant(maps, search.ridges), *named), tuple(row for _, row in peaks[_MOST_LEFT:]), failed,
         float(whole.frequency[-1]),
     )  # fmt: skip
+
+
+def _ridges(maps: Mapping[str, PowerMap]) -> RidgeSearch:
+    each = list(maps.values())
+    return told_apart(each, find_ridges(each))
 
 
 def _of_kind(search: RidgeSearch, kind: str) -> list[Ridge]:
@@ -300,11 +307,29 @@ def _fits(
                 factor_at_all = factor_of(own, reading.order, one.speed)
                 bound = bound_coefficient(one, reading.order, factor_at_all, kept[load])
                 c = replace(c, most=bound, usual=bound, bounded=True)
+                told = _told_apart(
+                    one, reading.order, [x.values[0] for x in orders], own, kept[load]
+                )
+                if told.value > 0.0:
+                    c = replace(told, most=max(bound, told.most), usual=max(bound, told.usual))
             of_load.append(Fit(load, reading, factor, c))
         fits += held_at_all_speeds(of_load, one, search.ridges, own, kept[load])
     if "radial_torque" not in maps:
         modes += find_modes("radial_torque", _NONE, whirls)
     return fits, modes
+
+
+def _told_apart(
+    one: PowerMap,
+    order: float,
+    orders: Sequence[float],
+    modes: Sequence[FoundMode],
+    kept: np.ndarray,
+) -> Coefficient:
+    """The coefficient of an order that others mask, by the lines of all at once."""
+    readings = [read_apart(x, order, orders, kept) for x in (one, *one.of_axes)]
+    mean, *axes = (fit_coefficient(x, amplification_of(modes, x)) for x in readings)
+    return over_axes(mean, axes)
 
 
 def _rounded(ridge: Ridge) -> float:

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from microvib.signals.close_orders import powers_apart
 from microvib.signals.ridges import PowerMap, Ridge, whirl_paths
 from microvib.studies.budget.files import WheelMode
 from microvib.studies.budget.wheel_modes import amplification
@@ -210,6 +211,32 @@ def read_order(
     return Reading(
         order, one.speed[clear], power, still, gain, _largest_of_noise(mean, still), seen
     )
+
+
+def read_apart(
+    one: PowerMap, order: float, orders: Sequence[float], kept: np.ndarray | None = None
+) -> Reading:
+    """An order that others of some ``orders`` mask, at the speeds of a map that are ``kept`` (n,) at which its line
+    is told from theirs: by all lines at once.
+    """
+    apart = np.min([abs(x - order) for x in orders if x != order], initial=np.inf)
+    reach = bins_beside(one, order)
+    f = order * one.speed / (2.0 * np.pi)
+    clear = (one.bins(f) - reach >= 1) & (one.bins(f) + reach < one.frequency.size)
+    clear &= apart * one.speed / (2.0 * np.pi * one.spacing) >= reach
+    if kept is not None:
+        clear &= kept
+    rows = np.flatnonzero(clear).tolist()
+    powers, beside = powers_apart(one, orders)
+    k = list(orders).index(order)
+    cells = np.array([_read_cell(one, i, int(one.bins(f)[i]), int(reach[i])) for i in rows])
+    _, still, gain, mean, _ = cells.reshape(-1, 5).T
+    power = powers[rows, k]
+    # Amplitudes add by phases that are not known: a variance of twice both powers.
+    return Reading(
+        order, one.speed[clear], power, still, gain + 2.0 * beside[rows, k],
+        _largest_of_noise(mean, still), power,
+    )  # fmt: skip
 
 
 def bins_beside(one: PowerMap, order: float) -> np.ndarray:

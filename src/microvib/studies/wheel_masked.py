@@ -25,8 +25,8 @@ from microvib.studies.wheel_gaps import Fit
 
 _APART = 3
 """Bins from which the powers of two lines add; nearer ones may add their amplitudes."""
-_LEFT_OPEN = 1.1
-"""Factor of the power that the largest coefficients leave open."""
+_TOLD = 1.1
+"""Factor of the power that the largest coefficients make from which a speed is told to be above them."""
 _RESONANT = 4.0
 """Factor of the power that the usual coefficients make, from which a peak is a resonance: twice the amplitude."""
 _VARIES = 2.0
@@ -78,11 +78,11 @@ def held_at_all_speeds(
                 (beside[k].power(beside, sizes) + others[k])[rows] for sizes in (largest, usual)
             )
             resonant[k, rows] |= shown > _RESONANT * expected
-            more = shown > _LEFT_OPEN * known
+            more = shown > known
             if more.any():
                 needed = np.sqrt(2.0 * shown) / (reading.speed**2 * factors[k][rows])
                 most[k] = max(most[k], float(needed[more].max()))
-                large[k] |= set(reading.speed[more].tolist())
+            large[k] |= set(reading.speed[shown > _TOLD * known].tolist())
     return [
         replace(
             fit,

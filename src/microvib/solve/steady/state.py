@@ -20,6 +20,7 @@ from microvib.errors import error_context
 from microvib.former_names import FormerName
 from microvib.model.linear import sliding_growth
 from microvib.model.parametric import growth_over_angle
+from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.turning import GROWN_EFOLDINGS, turning_drive
 from microvib.solve.integration import (
@@ -55,6 +56,11 @@ MAX_PERIOD_QUARTER_TURNS = 8
 
 MAX_MODES = 100
 """Array modes beyond which differences in each state take longer than time integration."""
+
+
+FINE_INTERVALS = 64
+"""Intervals in a cycle of the highest order of a Fourier series."""
+MOST_FINE_INTERVALS, MOST_FINE_NUMBERS = 8_000_000, 32_000_000
 
 
 @dataclass(frozen=True)
@@ -156,22 +162,60 @@ class SteadyState:
 
     @cached_property
     def _sampled(self) -> dict[str, np.ndarray]:
+        return self._all_channels(self.T_d.size) | {"T_d": self.T_d}
+
+    def _all_channels(self, count: int) -> dict[str, np.ndarray]:
+        """All channels by means over a ``count`` of intervals."""
         period = PeriodMap(self.scenario, self.microsteps)
         packed = period.packed
-        rows = np.zeros((self.T_d.size, packed.columns))
+        rows = np.zeros((count, packed.columns))
         period.put(self.state, self.stick)
         self._run(period, rows)
-        return channels_of(rows[:, : packed.channels], packed.drive.H.size) | {"T_d": self.T_d}
+        return channels_of(rows[:, : packed.channels], packed.drive.H.size)
+
+    @cached_property
+    def _fine_torque(self) -> np.ndarray:
+        """Torque by means over intervals for a Fourier series, (n,)."""
+        period = PeriodMap(self.scenario, self.microsteps)
+        rows = np.zeros((self._fine_count, period.packed.torque_columns))
+        period.put(self.state, self.stick)
+        self._run(period, rows)
+        return period.packed.torque_of(rows)[0]
+
+    @cached_property
+    def _fine_channels(self) -> dict[str, np.ndarray]:
+        return self._all_channels(self._fine_count) | {"T_d": self._fine_torque}
+
+    @property
+    def _fine_count(self) -> int:
+        """Intervals for a Fourier series: so many that of what is aliased into an order, k/(n - k) of order n - k,
+        less than 0.1 % is left even of torques with jumps, at the end of the record's band.
+        """
+        highest = PASSBAND * self.scenario.record.sample_rate / self.frequency
+        times = math.ceil(FINE_INTERVALS * highest / self.T_d.size)
+        return max(min(times, MOST_FINE_INTERVALS // self.T_d.size), 1) * self.T_d.size
+
+    def _fine(self, name: str) -> np.ndarray:
+        """A channel by means over finer intervals, (n,), unless all channels would need too much memory."""
+        if name == "T_d":
+            return self._fine_torque
+        count = self._fine_count
+        if count * len(self.channels) > MOST_FINE_NUMBERS:
+            return self[name]
+        return channel_of(self._fine_channels, name, self.scenario, self._middles(count))
 
     def _run(self, period: PeriodMap, rows: np.ndarray) -> None:
-        """The period from where it is, into ``rows`` of all channels; as many as they are."""
-        period.go_on(sample_buffer(rows, period.start, 1.0 / (self.frequency * self.T_d.size)))
+        """The period from where it is, into ``rows``; as many as they are."""
+        width = 1.0 / (self.frequency * max(len(rows), 1))
+        period.go_on(sample_buffer(rows, period.start, width))
 
     @property
     def time(self) -> np.ndarray:
         """Middles of the intervals [s], (n,)."""
-        n = self.T_d.size
-        middles: np.ndarray = self.start + (np.arange(n) + 0.5) / (n * self.frequency)
+        return self._middles(self.T_d.size)
+
+    def _middles(self, count: int) -> np.ndarray:
+        middles: np.ndarray = self.start + (np.arange(count) + 0.5) / (count * self.frequency)
         return middles
 
     def ringing(self, frequency: float, decay: float) -> tuple[float, float]:
@@ -197,9 +241,9 @@ class SteadyState:
         of interval means is corrected. With a ``count`` only so many are made: of a long period
         most are beyond any band.
         """
-        x = self[name]
+        x = self._fine(name)
         n = x.shape[0]
-        k = np.arange(n // 2)[:count]
+        k = np.arange(self.T_d.size // 2)[:count]
         series = np.fft.rfft(x, axis=0)[: k.size] * (2.0 / n)
         series[0] *= 0.5
         shift = (
