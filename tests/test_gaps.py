@@ -147,3 +147,14 @@ def test_friction_that_sticks_makes_no_gaps() -> None:
     loud = {"friction.torque_noise.density": "3e-6 N^2*m^2/Hz", "record.duration": "8 s"}
     motion = mv.simulate(mv.load_scenario("state-1").with_(loud))
     assert list(gap_faults(motion["T_d"], motion.sample_rate)) == []
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-4])
+@pytest.mark.parametrize("length", [6, 20])
+def test_short_gaps_at_one_level_are_told_below_the_noise_of_the_amplifier(
+    size: float, length: int
+) -> None:
+    x = drive()
+    for first in np.random.default_rng(3).integers(0, x.size - length, x.size // 100).tolist():
+        x[first : first + length] = 0.0
+    assert any("falls to one level again and again" in one for one in faults(x + noise(size)))

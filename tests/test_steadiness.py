@@ -33,7 +33,7 @@ from microvib.studies.recording_limits import judge_recording
 from microvib.testdata.bench_parts import Resonance
 from microvib.testdata.force_table import ForceTable
 from microvib.testdata.preparation import Preparation
-from microvib.testdata.recording import Recording
+from microvib.testdata.recording import Recording, RecordingError
 from microvib.units import Si
 
 FS = 1024.0
@@ -384,6 +384,42 @@ def test_lines_floor_and_excess_are_no_less_than_the_samples(name: str) -> None:
         "on for a fifth of each second": 0.7,
     }.get(name, 0.97)
     assert np.hypot(counted, found) >= loudest
+
+
+def _lost(x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    kept = np.ones(x.size)
+    for first in rng.integers(0, x.size - 10, x.size // 60).tolist():
+        kept[first : first + 8] = 0.0
+    return kept * x
+
+
+def _of_random_gain(x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    blocks = rng.choice([1.0, 0.3], x.size // 16 + 1, p=[0.7, 0.3])
+    return np.repeat(blocks, 16)[: x.size] * x
+
+
+def _sent_twice(x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    found = x.copy()
+    for k in rng.integers(1, x.size // 16, x.size // 60).tolist():
+        found[16 * k : 16 * k + 16] = found[16 * k - 16 : 16 * k]
+    return found
+
+
+@pytest.mark.parametrize("fault", [_lost, _of_random_gain, _sent_twice])
+@pytest.mark.parametrize("noise", [1e-3, 0.05])
+def test_nothing_passes_below_a_torque_of_which_samples_are_lost_or_repeated(
+    torque: np.ndarray, scenario: mv.Scenario, fault: Callable[..., np.ndarray], noise: float
+) -> None:
+    rng = np.random.default_rng(5)
+    whole_torque = max(line.amplitude for line in estimate_lines(torque, FS, ()) if line.seen)
+    x = fault(torque, rng) + noise * np.std(torque) * rng.standard_normal(torque.size)
+    for guide in (scenario, None):
+        limit = mv.Limit(Si(0.97 * whole_torque), "2 Hz", "300 Hz")
+        try:
+            verdict = judge_recording(recorded(x), limit, scenario=guide).verdict
+        except RecordingError:
+            verdict = "refused"
+        assert verdict != "pass"
 
 
 @pytest.mark.parametrize("seed", sweep(range(20), *range(5)))

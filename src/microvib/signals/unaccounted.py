@@ -80,6 +80,16 @@ _MAX_UNSURE = 0.9
 """The most of that by which the floor of pieces must be lower: a tenth of it is lower in any case."""
 
 
+_LEAST_REGRESSED, _REGRESSIONS, _AT_ENDS = 1024, 16, 2
+"""Samples from which it is asked whether what lines leave goes with them, in how many pieces, and how many of
+these at either end do not count, where a window fades.
+"""
+_LEAST_VARYING, _SIGNIFICANT = 0.02, 3.5
+"""Part of the lines' mean square from which that counts, and standard errors of it."""
+_PEAK, _ABOUT = 15.0, 201
+"""Times the median of so many bins from which a bin is of a line: of noise one in 30 000."""
+
+
 @dataclass(frozen=True)
 class Excess:
     """Excess of a band of a record over the counted lines and the floor, in the piece where that
@@ -106,6 +116,8 @@ class Excess:
     """Height of the excess over what its RMS says, where it does not last longer than its piece."""
     certain: bool = True
     """Whether it is there; else noise may make it, or hide that it is there."""
+    varies: float = 0.0
+    """Mean square of what is left of the record over that of its lines, where that goes up and down with these."""
 
     @property
     def amplitude(self) -> float:
@@ -117,6 +129,12 @@ class Excess:
         at = f"at {self.low:.3g} to {self.high:.3g} Hz" + (
             f" in channel {channel}" if channel else ""
         )
+        if self.varies:
+            return (
+                f"what the lines leave of the recording goes up and down with them ({100.0 * math.sqrt(self.varies):.2g}"
+                f" % of them), which noise does not: samples are lost or repeated, or the gain varies (check contacts,"
+                " ranges and the link of the recorder)"
+            )
         if not self.certain:
             return (
                 f"the noise does not exclude that the line {at} is {self.times:.2g} times as large"
@@ -177,7 +195,80 @@ def excesses(
                 worst[k] = found
     by_bands = [worst[k] for k in sorted(worst)]
     steady = [line for line in counted if not line.decay and line.amplitude > 0.0]
-    return (*by_bands, *_lines_in_pieces(x - model, sample_rate, steady, bands))
+    return (
+        *by_bands,
+        *_lines_in_pieces(x - model, sample_rate, steady, bands),
+        *_of_varying_gain(x - model, model, sample_rate, edges, counted),
+    )
+
+
+def _of_varying_gain(
+    rest: np.ndarray,
+    model: np.ndarray,
+    sample_rate: float,
+    edges: np.ndarray,
+    lines: Sequence[Line],
+) -> Iterator[Excess]:
+    """Excesses of bands with ``lines``, where what these leave of samples goes up and down with them (n,)."""
+    varies = varying_part(rest, model)
+    if not varies:
+        return
+    n, of_lines = rest.size, math.sqrt((1.0 + 2.0 * varies) ** 2 - 1.0)
+    for low, high in pairwise(edges.tolist()):
+        largest = max((x.amplitude for x in lines if low <= x.place <= high), default=0.0)
+        if largest > 0.0:
+            more, level = math.sqrt(0.5) * largest * of_lines, math.sqrt(0.5) * largest
+            yield Excess(low, high, more, level, level, 0.0, n / sample_rate, 1.0, varies=varies)
+
+
+def varying_part(rest: np.ndarray, model: np.ndarray) -> float:
+    """Mean square of what is left of samples over that of their lines, where it goes up and down with these; 0
+    where it does not.
+
+    Noise does not know of lines. What is left where samples are lost or repeated, or where the gain varies, does:
+    regressions of its square on those of the lines and of their slopes, in the pieces of a record. Lines that
+    were not found are left out by their peaks in its spectrum.
+
+    Parameters
+    ----------
+    rest : ndarray
+        What the lines leave of the samples, (n,).
+    model : ndarray
+        The lines, (n,).
+    """
+    slope = np.gradient(model)
+    if rest.size < _LEAST_REGRESSED or not np.any(slope):
+        return 0.0
+    window = hann_window(rest.size)
+    noise, weight = _without_peaks(rest * window), window**2
+    slope *= np.std(model) / np.std(slope)
+    found = [_regressed(noise**2, weight, weight * x**2) for x in (model, slope)]
+    return max(found)
+
+
+def _regressed(y: np.ndarray, steady: np.ndarray, varying: np.ndarray) -> float:
+    """Part of ``varying`` beside ``steady`` in y (n,), by least squares in the pieces of a record; 0 where it is
+    small or not significant.
+    """
+    columns = np.column_stack([steady, varying])
+    pieces = zip(
+        np.array_split(columns, _REGRESSIONS), np.array_split(y, _REGRESSIONS), strict=True
+    )
+    found = [np.linalg.lstsq(a, b, rcond=None)[0][1] for a, b in pieces][_AT_ENDS:-_AT_ENDS]
+    mean, error = float(np.mean(found)), float(np.std(found, ddof=1)) / math.sqrt(len(found))
+    return mean if mean > max(_LEAST_VARYING, _SIGNIFICANT * error) else 0.0
+
+
+def _without_peaks(x: np.ndarray) -> np.ndarray:
+    """Samples (n,), which fade towards their ends, without lines and what is slow."""
+    from scipy.ndimage import binary_dilation, median_filter
+
+    spectrum = np.fft.rfft(x)
+    power = np.abs(spectrum) ** 2
+    lines = power > _PEAK * median_filter(power, _ABOUT, mode="reflect")
+    spectrum[binary_dilation(lines, iterations=_FIRST)] = 0.0
+    spectrum[: 2 * _BINS] = 0.0
+    return np.fft.irfft(spectrum, x.size)
 
 
 def slow_rms(x: np.ndarray, sample_rate: float) -> tuple[float, float]:

@@ -30,8 +30,12 @@ _TAKEN, _EXPLAINED, _FAR_LESS, _OTHERS_OFF = 2.0, 0.8, 1.0 / 3.0, 1.0 / 3.0
 is left of the difference of a line that is off by far less; and part of the others that may be off: where more are,
 the scenario is of another drive.
 """
-_LEAST_PASSED = 2
-"""Lines that a filter must pass: without any it is a slope, and the gain in common is not known."""
+_LEAST_PASSED, _MANY_EXPLAINED = 2, 6
+"""Lines that a filter must pass: without any it is a slope, and the gain in common is not known; unless so many lines
+are explained with a gain of 1.
+"""
+_MOSTLY_EXPLAINED = 0.5
+"""Part of the lines of which it takes a part that must be off without it: those of the median gain are not."""
 _ORDERS = (1, 2, 4, 8)
 _CORNERS_PER_OCTAVE = 6
 _REFINED_OCTAVES = (1.0 / 24.0, 1.0 / 96.0)
@@ -174,15 +178,22 @@ class _Fit:
         worse; and most of the others are as expected, some of which it passes.
         """
         before, after = self.distance(np.ones_like(response)), self.distance(response)
-        explained = (before > _CLEARLY) & (after < np.maximum(1.0, _FAR_LESS * before))
+        right = after < np.maximum(1.0, _FAR_LESS * before)
+        explained = (before > _CLEARLY) & right
         worse = (before <= 1.0) & (after > 1.0)
         taken = np.abs(response) < 1.0 - _TAKEN * self.tolerance
         passed = np.abs(response) > 1.0 - MOST_TAKEN
         count = np.count_nonzero
+        gain = float(np.median(np.abs(self.ratio / response)))
+        gain_is_known = count(passed) >= _LEAST_PASSED or (
+            abs(gain - 1.0) < _OFF and count(explained) >= _MANY_EXPLAINED
+        )
         return bool(
-            _LEAST_PASSED <= count(passed) < passed.size
+            gain_is_known
+            and count(passed) < passed.size
             and count(explained) >= _LEAST_EXPLAINED
-            and count(explained & taken) >= _EXPLAINED * count(taken)
+            and count(explained & taken) >= _MOSTLY_EXPLAINED * count(taken)
+            and count(right & taken) >= _EXPLAINED * count(taken)
             and count(worse) <= (1.0 - _EXPLAINED) * count(explained)
             and count((after > 1.0) & ~taken) <= _OTHERS_OFF * count(~taken)
         )
