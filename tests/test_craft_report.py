@@ -233,3 +233,13 @@ def test_lines_of_the_hub_have_as_many_members_as_those_of_the_torque(tmp_path) 
         mv.write_run(result, tmp_path / str(harmonics))
         again = mv.read_run(tmp_path / str(harmonics))
         assert hub_lines(again.motion, again.table).names == result.hub.names
+
+
+def test_a_parked_drive_with_a_rigid_array_has_a_report_without_lines(tmp_path: Path) -> None:
+    example = str(Path(__file__).parents[1] / "examples" / "spacecraft.yaml")
+    at_rest = ["--set", "tracking.rate=0 deg/s", "--set", "array.modes=[]"]
+    short = ["--set", "record.duration=2 s", "--set", "record.settle=1 s"]
+    arguments = ["run", example, *at_rest, *short, "--out", str(tmp_path / "o")]
+    done = CliRunner().invoke(main, arguments, prog_name="microvib")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "o" / "report.html").exists()

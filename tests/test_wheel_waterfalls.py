@@ -244,20 +244,65 @@ def test_a_square_matrix_of_matlab_is_read_as_it_is_said_and_magnitudes_of_a_com
         read_waterfall(path, "Fz")
 
 
-def test_spectra_of_a_universal_file_have_their_speed_along_the_third_axis(tmp_path: Path) -> None:
+def write_universal(
+    path: Path,
+    speeds: np.ndarray,
+    f: np.ndarray,
+    values: np.ndarray,
+    unit: str = "N",
+    of_speeds: str = "",
+) -> Path:
     from microvib.io.uff_writing import Dataset58, Even, Place
 
-    f, values = spectra(KnownWheel(), "axial_force", 3, averages=1)
     data = b""
-    for speed, row in zip(SPEEDS / RPM, values, strict=True):
-        one = Dataset58("Fz", 12, row, Even(float(f[0]), float(f[1] - f[0])), "N", "", Place(7, 3))
-        text = one.encoded()
-        lines = text.split(b"\n")
-        form = lines[8]
-        lines[8] = form[:56] + f"{speed:13.5e}".encode() + form[69:]
+    for speed, row in zip(speeds, values, strict=True):
+        one = Dataset58("Fz", 12, row, Even(float(f[0]), float(f[1] - f[0])), unit, "", Place(7, 3))
+        lines = one.encoded().split(b"\n")
+        lines[8] = lines[8][:56] + f"{speed:13.5e}".encode() + lines[8][69:]
+        if of_speeds:
+            lines[12] = lines[12][:46].ljust(46) + f"{of_speeds:<20}".encode()
         data += b"\n".join(lines)
-    path = tmp_path / "a.uff"
     path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("unit", "of_speeds", "says"),
+    [
+        ("mN", "", "is N, and .* is in mN"),
+        ("m/s^2", "", "is N, and .* is in m/s\\^2"),
+        ("N rms", "", "is peak, and .* is in N rms"),
+        ("N", "rad/s", "is rpm, and .* has them in rad/s"),
+        ("N", "rpm", ""),
+        ("NONE", "", ""),
+        ("N pk", "1/min", ""),
+    ],
+)
+def test_units_of_a_universal_file_are_those_that_were_stated(
+    tmp_path: Path, unit: str, of_speeds: str, says: str
+) -> None:
+    f, values = spectra(KnownWheel(), "axial_force", 3, averages=1)
+    path = write_universal(tmp_path / "a.uff", SPEEDS / RPM, f, values, unit, of_speeds)
+    given = Given(**SAID)  # type: ignore[arg-type]
+    if says:
+        with pytest.raises(OptionError, match=says):
+            maps_of_files({"axial_force": [str(path)]}, given)
+    else:
+        assert maps_of_files({"axial_force": [str(path)]}, given)
+
+
+def test_two_spectra_at_one_speed_are_named(tmp_path: Path) -> None:
+    f, values = spectra(KnownWheel(), "axial_force", 3, averages=1)
+    speeds = SPEEDS / RPM
+    speeds[3] = speeds[4]
+    path = write_universal(tmp_path / "a.uff", speeds, f, values)
+    with pytest.raises(MicrovibError, match="has 2 spectra at the speed"):
+        read_waterfall(path)
+
+
+def test_spectra_of_a_universal_file_have_their_speed_along_the_third_axis(tmp_path: Path) -> None:
+    f, values = spectra(KnownWheel(), "axial_force", 3, averages=1)
+    path = write_universal(tmp_path / "a.uff", SPEEDS / RPM, f, values)
     found = read_waterfall(path)
     assert found.speed == pytest.approx(SPEEDS / RPM, rel=1e-5)
     assert found.values == pytest.approx(values, rel=1e-9)

@@ -280,7 +280,8 @@ def _free_decay_tones(
     # One frequency a line: that of the channel in which it exceeds its floor most, over what stands in the
     # channel.
     size = np.nan_to_num(np.abs(tones))
-    best = np.argmax(size / np.maximum(size.max(axis=0), 1e-300), axis=1)
+    largest = size.max(axis=0, initial=1e-300)  # of none of a rigid array that rests
+    best = np.argmax(size / largest, axis=1)
     shared = found[np.arange(given.size), best]
     root = -np.nan_to_num(decay) + 2j * np.pi * np.where(np.isfinite(found), found, given[:, None])
     angles = [name in LINE_OF_SIGHT_ACCELERATIONS for name in channels]
@@ -290,7 +291,7 @@ def _free_decay_tones(
 
 def complex_amplitudes(lines: list[Line]) -> np.ndarray:
     """Complex amplitudes."""
-    return np.array([line.amplitude * np.exp(1j * line.phase) for line in lines])
+    return np.array([line.amplitude * np.exp(1j * line.phase) for line in lines], dtype=complex)
 
 
 def channel_lines(

@@ -52,6 +52,8 @@ class _Dataset:
     values: np.ndarray
     remarks: tuple[str, ...] = ()
     """Lines of its header that are free text, behind the first."""
+    z_unit: str = ""
+    """Unit of the third axis."""
 
     @property
     def complex(self) -> bool:
@@ -112,6 +114,8 @@ class FrequencyFunction:
     """Its place along a third axis, such as a speed."""
     place: str = ""
     """Node and direction in words."""
+    z_unit: str = ""
+    """Unit of the third axis."""
 
 
 def read_functions(
@@ -143,6 +147,7 @@ def read_functions(
                 values,
                 s.along_z,
                 _place(s),
+                s.z_unit,
             )
         )
     return found
@@ -307,6 +312,7 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
             along_z,
             values,
             tuple(filter(None, map(str.strip, [*header[1:5], _label(y, 25)]))),
+            _label(header[10], 46),
         ),
         at,
     )

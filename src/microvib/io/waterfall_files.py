@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,10 @@ class SpectraOverSpeed:
     """Evenly spaced [Hz], (m,)."""
     values: np.ndarray
     """In the file's unit, (n, m)."""
+    unit: str = ""
+    """Unit that the file says of its values; empty where it says none."""
+    speed_unit: str = ""
+    """Unit that it says of its speeds."""
 
 
 def read_waterfall(
@@ -60,7 +64,9 @@ def read_waterfall(
     else:
         with as_read_errors(path, MicrovibError):
             check_file(path, LARGEST)
-            found = _read_mat(path, name, layout) if ending == ".mat" else _read_uff(path, name)
+            if ending != ".mat":
+                return _read_uff(path, name)
+            found = _read_mat(path, name, layout)
     return _checked(path, *found)
 
 
@@ -171,16 +177,27 @@ def _list(names: Mapping[str, Any]) -> str:
     return ", ".join(sorted(names)) or "none"
 
 
-def _read_uff(path: Path, name: str | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _read_uff(path: Path, name: str | None) -> SpectraOverSpeed:
     sets = _of_one_place(path, read_functions(path, _SPECTRA), name)
     speeds = np.array([x.along_z for x in sets])
-    if np.unique(speeds).size < speeds.size:
+    if len(sets) > 1 and np.all(speeds == 0.0):
         raise MicrovibError(
             f"{path}: its spectra have no speed: each needs its own as the third axis (Z) of dataset 58"
         )
+    values, times = np.unique(speeds, return_counts=True)
+    if np.any(times > 1):
+        raise MicrovibError(
+            f"{path}: has {times.max()} spectra at the speed {values[np.argmax(times)]:g}; one at each speed is expected"
+        )
+    units = {(x.unit, x.z_unit) for x in sets}
+    if len(units) > 1:
+        raise MicrovibError(
+            f"{path}: its spectra have several units: {', '.join(sorted(' over '.join(x) for x in units))}"
+        )
     if any(not np.array_equal(x.frequency, sets[0].frequency) for x in sets):
         raise MicrovibError(f"{path}: its spectra are over different frequencies")
-    return speeds, sets[0].frequency, np.array([np.abs(x.values) for x in sets])
+    matrix = _checked(path, speeds, sets[0].frequency, np.array([np.abs(x.values) for x in sets]))
+    return replace(matrix, unit=sets[0].unit, speed_unit=sets[0].z_unit)
 
 
 def _of_one_place(

@@ -361,7 +361,7 @@ def _loads_at(
 ) -> Iterator[Item]:
     """Lines and spectra of six loads."""
     sizes = np.nan_to_num(np.abs(loads))
-    share = (sizes / np.maximum(sizes.max(axis=0), 1e-300)).max(axis=1)
+    share = (sizes / sizes.max(axis=0, initial=1e-300)).max(axis=1, initial=0.0)
     kept = sorted(
         np.argsort(-share, kind="stable")[:_MAX_LOAD_LINES], key=lambda k: hub.frequency[k]
     )

@@ -17,8 +17,10 @@ import numpy as np
 from microvib.signals.ridges import FIRST_BIN, PowerMap, Ridge, RidgeSearch, is_steady
 from microvib.signals.spectrum import LineShape, line_shape
 
-_STEP, _REACH = 0.2, 4.0
-"""Step of the pairs of orders that are tried, and how far they go, in bins at the highest speed."""
+_STEP, _REACH, _BEYOND_LOBE = 0.2, 4.0, 2.0
+"""Step of the pairs of orders that are tried, and how far they go at least, and beyond the bins that hold a line's power,
+in bins at the highest speed.
+"""
 _FINER, _HALF = (1.0, 0.2, 0.05), 10
 """Bins at the highest speed within which orders are sought, one after the other, and steps to either side."""
 _SHIFTS = np.linspace(-0.5, 0.5, 9)
@@ -26,8 +28,10 @@ _SHIFTS = np.linspace(-0.5, 0.5, 9)
 _SHAPE_ERROR, _ERROR_OF_OTHERS = 0.01, 0.05
 """Part of the largest power of an order's cells that its shape is not known better than, and part of the power
 of others in a cell (assumed)."""
-_BETTER = 0.5
+_BETTER = 0.6
 """Part of the misfit of one line below which that of two is, where an order is two."""
+_BY_NOISE = 50.0
+"""By how much it is less than noise makes it less."""
 _TWO = 0.9
 """Bins at the highest speed from which two lines are two orders; nearer ones are one with an error."""
 _ALLOWED = 9.0
@@ -170,7 +174,7 @@ class _Cells:
     @classmethod
     def of(cls, spectrum: _Spectrum, orders: Sequence[float], others: dict[float, float]) -> _Cells:
         """About some orders, with the powers of ``others``."""
-        each = [spectrum.near(x, spectrum.one.lobe + _REACH) for x in orders]
+        each = [spectrum.near(x, spectrum.one.lobe + _reach(spectrum.one)) for x in orders]
         bins = np.unique(np.concatenate(each)) if all(x.size for x in each) else each[0][:0]
         beside = np.zeros(bins.size)
         for other, power in others.items():
@@ -253,13 +257,11 @@ class _OneOrTwo(NamedTuple):
     """Misfit of the best two."""
     pair: tuple[float, float]
     """These two."""
-    cells: int
-    """Cells less what is fitted."""
 
     @property
     def are_two(self) -> bool:
-        """Whether one line does not describe the cells, and two do so much better."""
-        return self.one > self.cells and self.two < _BETTER * self.one
+        """Whether two lines describe the cells much better than one, by more than noise makes of it."""
+        return self.two < _BETTER * self.one and self.one - self.two > _BY_NOISE
 
 
 def _one_or_two(cells: Sequence[_Cells], orders: np.ndarray) -> _OneOrTwo:
@@ -267,9 +269,8 @@ def _one_or_two(cells: Sequence[_Cells], orders: np.ndarray) -> _OneOrTwo:
     single = sum(np.min([x.alone(orders, y) for y in _SHIFTS], axis=0) for x in cells)
     pairs = sum(np.min([x.in_pairs(orders, y) for y in _SHIFTS], axis=0) for x in cells)
     a, b = np.unravel_index(int(np.argmin(pairs)), pairs.shape)
-    count = sum(one.bins.size - 2 for one in cells)
     pair = (float(orders[min(a, b)]), float(orders[max(a, b)]))
-    return _OneOrTwo(float(np.min(single)), float(np.min(pairs)), pair, count)
+    return _OneOrTwo(float(np.min(single)), float(np.min(pairs)), pair)
 
 
 def _hidden_distance(cells: Sequence[_Cells], order: float, step: float, reach: float) -> float:
@@ -293,6 +294,11 @@ def _hidden_distance(cells: Sequence[_Cells], order: float, step: float, reach: 
     return farthest + step if farthest > step else farthest
 
 
+def _reach(one: PowerMap) -> float:
+    """Bins at the highest speed up to which an order may hide another."""
+    return max(_REACH, one.lobe + _BEYOND_LOBE)
+
+
 class _Orders:
     """Orders of some maps, which are bettered step by step."""
 
@@ -302,6 +308,7 @@ class _Orders:
         self._maps = maps
         self._bin = 2.0 * math.pi * maps[0].spacing / float(maps[0].speed[-1])
         """A bin at the highest speed, in orders."""
+        self._reach = _reach(maps[0])
         self._spectra = [
             [_Spectrum(one, row, masked) for row in range(one.speed.size)]
             for one, masked in zip(maps, of_no_order, strict=True)
@@ -358,7 +365,10 @@ class _Orders:
             if len(cells) < _LEAST_SPECTRA:
                 continue
             reach = min(
-                [_REACH * self._bin, *(0.5 * abs(x - order) for x in self._ridges if x != order)]
+                [
+                    self._reach * self._bin,
+                    *(0.5 * abs(x - order) for x in self._ridges if x != order),
+                ]
             )
             away = [_hidden_distance(cells, order, _STEP * self._bin, reach)]
             away += [abs(x - order) for _, pair in self._pairs(order) for x in pair]
@@ -370,7 +380,7 @@ class _Orders:
         cells = self._cells(order)[:_MOST_SPECTRA]
         if len(cells) < _LEAST_SPECTRA:
             return
-        tried = order + np.arange(-_REACH, _REACH + 0.5 * _STEP, _STEP) * self._bin
+        tried = order + np.arange(-self._reach, self._reach + 0.5 * _STEP, _STEP) * self._bin
         found = _one_or_two(cells, tried[tried > 0.0])
         if not found.are_two:
             return
@@ -398,7 +408,7 @@ class _Orders:
         """The nearest other order, if its line is in the cells of an order."""
         others = [x for x in self._ridges if x != order]
         nearest = min(others, key=lambda x: abs(x - order), default=math.inf)
-        return nearest if abs(nearest - order) <= _REACH * self._bin else None
+        return nearest if abs(nearest - order) <= self._reach * self._bin else None
 
     def move(self) -> None:
         """Move each order to where it describes its cells best; two that share cells together."""

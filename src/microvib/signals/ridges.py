@@ -24,8 +24,14 @@ LEAST_HITS = 5
 """Speeds at which a ridge must be above the floor."""
 _SHARES = (3e-2, 1e-2, 1e-3)
 """Shares of cells that are above the levels at which cells are counted."""
+_LOWER_LEVELS = np.array([10.0, 30.0, 100.0])
+"""Levels above which cells are counted when nothing more is found above those shares."""
 FIRST_BIN = 3
 """First bin that is used: those below hold the mean and its leakage."""
+_AS_UNLIKELY = 0.95
+"""Part of the logarithm of the least chance from which paths are about as unlikely."""
+_OF_EITHER_KIND = 0.5
+"""Part of it from which an order that is stronger than a line is taken for it."""
 _LEAST_LOG = -700.0
 """Logarithm of the smallest chance that is told from others."""
 _MOST_STEPS = 20
@@ -170,9 +176,12 @@ def find_ridges(maps: Sequence[PowerMap]) -> RidgeSearch:
     found: list[Ridge] = []
     while len(found) < _MOST_RIDGES:
         one = search.best()
-        if one is None:
+        if one is None and search.lines_too:
+            search.look_lower()
+        elif one is None:
             break
-        found.append(one)
+        else:
+            found.append(one)
     return RidgeSearch(tuple(found), search.of_no_order)
 
 
@@ -235,9 +244,10 @@ class _Search:
         self.levels = [
             np.quantile(x.level[:, FIRST_BIN:], 1.0 - np.array(_SHARES)) for x in self.maps
         ]
-        self.above = np.array(
-            [[x.level > t for t in each] for x, each in zip(self.maps, self.levels, strict=True)]
-        )
+        self.above = np.zeros((len(self.maps), len(_SHARES), *one.power.shape), dtype=bool)
+        for k in range(len(self.maps)):
+            self._count_above(k)
+        self.lines_too = True
         step = 0.5 * one.spacing / float(self.turns[-1])
         top = one.frequency[-1] / np.sort(self.turns)[min(LEAST_HITS, self.turns.size) - 1]
         self.orders = np.arange(max(step, 2.0 * step), min(top, 100.0), step)
@@ -264,32 +274,63 @@ class _Search:
         share = (np.count_nonzero(above & free) + 1.0) / (np.count_nonzero(free) + 1.0)
         return _log_tail(self.turns.size, share)
 
+    def look_lower(self) -> None:
+        """Go on with orders alone, at lower levels: strong lines of wide lobes are on more cells than the shares that
+        levels are by, which are then above weaker lines.
+        """
+        self.lines_too = False
+        for k in range(len(self.maps)):
+            self.levels[k] = np.minimum(self.levels[k], _LOWER_LEVELS)
+            self._count_above(k)
+
+    def _count_above(self, k: int) -> None:
+        """Cells of a map that are above its levels, with its floor as it is."""
+        level = self.maps[k].power / self.floor[k]
+        self.above[k] = [level > t for t in self.levels[k]]
+
     def best(self) -> Ridge | None:
         """The next ridge, which is struck out; None where nothing is left."""
         columns = np.tile(np.arange(self.one.frequency.size)[:, None], self.turns.size)
         columns[:FIRST_BIN] = -1
+        each = {
+            "order": (self.order_bins, self._chances(self.order_bins).min(axis=0)),
+            "line": (columns, self._chances(columns).min(axis=0)),
+        }
+        if not self.lines_too:
+            del each["line"]
         found = []
-        for kind, paths in (("order", self.order_bins), ("line", columns)):
-            chances = self._chances(paths)
-            k = self._strongest(paths, chances.min(axis=0))
-            found.append((float(chances[:, k].min()) + np.log(self.tests * len(paths)), kind, k))
+        for kind, (paths, chances) in each.items():
+            k, _ = self._strongest(
+                paths, chances, _AS_UNLIKELY * max(float(chances.min()), _LEAST_LOG)
+            )
+            found.append((float(chances[k]) + np.log(self.tests * len(paths)), kind, k))
         chance, kind, k = min(found)
-        if chance < self.wanted:
-            return self._order(k, chance) if kind == "order" else self._line(k, chance)
-        return self._whirl()
+        if chance >= self.wanted:
+            return self._whirl() if self.lines_too else None
+        if kind == "order":
+            return self._order(k, chance)
+        # Of an order and a line that are both unlikely, the stronger one: lobes are wide, and both are on them.
+        part = _OF_EITHER_KIND * max(chance, _LEAST_LOG)
+        strengths = {kind: self._strongest(*of_kind, part) for kind, of_kind in each.items()}
+        if strengths["order"][1] > strengths["line"][1]:
+            return self._order(strengths["order"][0], chance)
+        return self._line(k, chance)
 
-    def _strongest(self, paths: np.ndarray, chances: np.ndarray) -> int:
-        """The path of the highest levels among those that are about as unlikely as the least likely:
-        a strong line is wide.
+    def _strongest(self, paths: np.ndarray, chances: np.ndarray, most: float) -> tuple[int, float]:
+        """The path of the highest levels among those of a chance of ``most`` and less, and the sum of their
+        logarithms: a strong line is wide. None is -inf.
         """
-        near = np.flatnonzero(chances <= 0.95 * max(float(chances.min()), _LEAST_LOG))
+        near = np.flatnonzero(chances <= most)
+        if not near.size:
+            return 0, -np.inf
         rows, best = np.arange(self.turns.size), np.full(near.size, -np.inf)
         for one, free in zip(self.maps, self.free, strict=True):
             bins = paths[near]
             valid = (bins >= 0) & free[rows, bins]
             logs = np.log(np.maximum(one.level[rows, bins], 1.0))
             best = np.maximum(best, np.sum(np.where(valid, logs, 0.0), axis=1))
-        return int(near[np.argmax(best)])
+        strongest = int(np.argmax(best))
+        return int(near[strongest]), float(best[strongest])
 
     def _order(self, k: int, chance: float) -> Ridge:
         order, uncertainty = self._centred_order(float(self.orders[k]))
@@ -340,8 +381,7 @@ class _Search:
                 near = distance <= one.lobe + 0.5
                 power = max(float(np.sum((one.power[i] - one.floor[i])[near])), 0.0)
                 self.floor[k][i] += power * leakage(one.window, distance)
-            level = one.power / self.floor[k]
-            self.above[k] = [level > t for t in self.levels[k]]
+            self._count_above(k)
 
     def _branches(self, modes: np.ndarray) -> list[np.ndarray]:
         """Bins of backward and forward whirl of modes (2, k), where these are apart, (k, n) each."""

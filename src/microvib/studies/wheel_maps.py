@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,6 +29,12 @@ AMPLITUDES = ("peak", "rms", "power", "psd")
 """Amplitudes 0-to-peak, rms, squares of the rms, or densities."""
 LOBES: dict[Window, int] = {"rectangular": 6, "hann": 2, "flat-top": 4}
 """Bins on either side of a line that hold its power."""
+_SPEED_WORDS = {
+    "rpm": "rpm", "1/min": "rpm", "min-1": "rpm", "r/min": "rpm", "u/min": "rpm", "rev/min": "rpm",
+    "rad/s": "rad/s", "rps": "rps", "rev/s": "rps", "1/s": "rps", "deg/s": "deg/s", "°/s": "deg/s",
+}  # fmt: skip
+"""Units of speeds as files have them, without blanks and brackets."""
+_AMPLITUDE_WORD = re.compile(r"[\s_(\[]+(rms|peak|pk|0-pk)[)\]]?\s*$", re.I)
 _NAMED = re.compile(rf"(.*?(?:{'|'.join(re.escape(x) for x in ENDINGS)}|\.\w+))(?::(.+))?", re.I)
 _NEAR_HELD = 0.25
 """Part of the change of speed in a slice within which its ends are held speeds, and these are held."""
@@ -60,6 +67,7 @@ def maps_of_files(files: Mapping[str, Sequence[str]], given: Given) -> dict[str,
         if texts
     }
     _require_alike([one for each in read.values() for one in each])
+    _require_stated_units(read, given)
     found, window = {}, given.window or "hann"
     for load, each in read.items():
         unit = given.torque_unit if load.endswith("torque") else given.force_unit
@@ -99,6 +107,40 @@ def _require_stated(files: Mapping[str, Sequence[str]], given: Given) -> None:
             raise OptionError(
                 load, "is given too often; a radial load has two axes, an axial one has one"
             )
+
+
+def _require_stated_units(
+    read: Mapping[str, Sequence[tuple[str, SpectraOverSpeed]]], given: Given
+) -> None:
+    """OptionError where a file says another unit of its speeds or values than was stated."""
+    for load, each in read.items():
+        for name, one in each:
+            _require_same_units(name, one, given, load)
+
+
+def _require_same_units(name: str, one: SpectraOverSpeed, given: Given, load: str) -> None:
+    speeds = _SPEED_WORDS.get(re.sub(r"[\s().^]", "", one.speed_unit.lower()), "")
+    if speeds and speeds != given.speeds:
+        raise OptionError("speeds", f"is {given.speeds}, and {name} has them in {one.speed_unit}")
+    if given.amplitude not in ("peak", "rms"):
+        return
+    key = "torque_unit" if load.endswith("torque") else "force_unit"
+    stated = getattr(given, key)
+    said = _AMPLITUDE_WORD.search(one.unit)
+    if said is not None and (said[1].lower() == "rms") != (given.amplitude == "rms"):
+        raise OptionError("amplitude", f"is {given.amplitude}, and {name} is in {one.unit}")
+    unit = _AMPLITUDE_WORD.sub("", one.unit).strip()
+    if unit and not _is_same(unit, stated, key):
+        raise OptionError(key, f"is {stated}, and {name} is in {one.unit}")
+
+
+def _is_same(unit: str, stated: str, key: str) -> bool:
+    """Whether a unit that a file says is as large as the stated one; also where nobody knows it."""
+    si = "N*m" if key == "torque_unit" else "N"
+    try:
+        return math.isclose(convert(f"1 {unit}", si), convert(f"1 {stated}", si), rel_tol=1e-6)
+    except ValueError as why:
+        return "unknown unit" in str(why) or "is not a quantity" in str(why)
 
 
 def _or(names: Sequence[str]) -> str:
