@@ -78,6 +78,10 @@ _SAME, _FEWEST_PLACES = 2.0, 8.0
 """Standard deviations of noise within which two levels are the same, and how many such places the signal's range
 must have.
 """
+_HELD_PART = 0.01
+"""Part of the samples from which levels were held: fewer take less of a line, and between two microsteps of a drive
+a shaft may stick at a level that noise hides the ends of.
+"""
 _OTHER_LEVELS = 0.6
 """Part of the levels that would differ by chance which do: rests of a signal are at one level or a few."""
 
@@ -271,7 +275,9 @@ def _level_gaps(x: np.ndarray) -> list[tuple[int, int]]:
     at_rest = np.any(np.abs(levels[:, None] - rests) <= width, axis=1)
     if not _differ(levels[~at_rest], float(np.ptp(x)), width):
         return []
-    return [gap for gap, rest in zip(gaps, at_rest.tolist(), strict=True) if not rest]
+    found = [gap for gap, rest in zip(gaps, at_rest.tolist(), strict=True) if not rest]
+    held = sum(b - a for a, b in found)
+    return found if held >= _HELD_PART * x.size else []
 
 
 def _leaves_at_once(x: np.ndarray, first: int, end: int, noise: float) -> bool:
