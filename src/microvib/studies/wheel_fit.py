@@ -18,8 +18,8 @@ CONFIDENCE = 0.95
 """Confidence level of the intervals of coefficients."""
 NEAR_MODE = 1.5
 """Amplification by a mode, or its inverse, from which a speed tells nothing of a coefficient."""
-_TWO_SIDED = 2.0
-"""Standard uncertainties within which a figure of a mode is, with a probability of 95 %."""
+KNOWN_WITHIN = 2.0
+"""Standard uncertainties within which a figure is, with a probability of 95 %."""
 _UNKNOWN_DAMPING, _UNKNOWN_RATIO = 2.0, 0.1
 """Factor of a damping that only the width of a ridge tells, and by how much its ratio of inertias may be off
 (assumed)."""
@@ -101,6 +101,11 @@ class Reading:
         """Power that an order has for sure, (n,); 0 where none is seen."""
         return self.sure_part(self.seen)
 
+    @property
+    def at_most(self) -> np.ndarray:
+        """Power that an order has at most where it is seen, (n,); 0 where it is not."""
+        return np.where(self.at_least > 0.0, self.seen + KNOWN_WITHIN * self.noise, 0.0)
+
     def sure_part(self, power: np.ndarray) -> np.ndarray:
         """Part of a ``power`` (n,) that the floor does not make, (n,)."""
         own = _KNOWN * np.sqrt(self.gain * np.maximum(self.power, 0.0))
@@ -144,10 +149,10 @@ class FoundMode:
         own, of_ratio = self.uncertainty
         found = own / self.frequency
         if self.motion == "rocking":
-            off = _UNKNOWN_RATIO / _TWO_SIDED if np.isnan(of_ratio) else of_ratio
+            off = _UNKNOWN_RATIO / KNOWN_WITHIN if np.isnan(of_ratio) else of_ratio
             still = 2.0 * math.pi * self.frequency
             found += 0.5 * off * speed / math.hypot(still, 0.5 * self.inertia_ratio * speed)
-        return min(_TWO_SIDED * found, _LARGEST_ERROR)
+        return min(KNOWN_WITHIN * found, _LARGEST_ERROR)
 
     def of_budget(self, highest_speed: float) -> WheelMode:
         """The mode as a budget takes it up to a speed [rad/s]."""
@@ -390,12 +395,12 @@ def _ratio_of_all(reading: Reading, x: np.ndarray) -> float:
 
 
 def _ratios_held(reading: Reading, x: np.ndarray, weak: np.ndarray) -> tuple[float, float]:
-    """Smallest and largest ratio to ``x`` (n,) that an interval must hold: what an order is for sure below
-    or above at any speed.
+    """Smallest and largest ratio to ``x`` (n,) that an interval must hold: what an order is for sure below at any
+    speed, and what it has at most where it is seen.
     """
     above = reading.power + reading.limit + _KNOWN * reading.noise
     below = np.where(weak, reading.at_least, np.maximum(above, 0.0))
-    return float(np.min(below / x)), float(np.max(reading.at_least / x))
+    return float(np.min(below / x)), float(np.max(reading.at_most / x))
 
 
 def _ratio_and_reach(reading: Reading, x: np.ndarray, first: float) -> tuple[float, float, bool]:
@@ -412,7 +417,7 @@ def _ratio_and_reach(reading: Reading, x: np.ndarray, first: float) -> tuple[flo
     error = max(error, by_noise)
     freedom = max(count - 1.0, 1.0)
     reach = float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * error
-    reach = math.hypot(reach, _TWO_SIDED * scatter * q)
+    reach = math.hypot(reach, KNOWN_WITHIN * scatter * q)
     return q, reach, q > float(student.ppf(_DETECTED, freedom)) * error
 
 
@@ -659,7 +664,7 @@ def _polished(
         _ends(misfit, fit.x, scatter, k, step)
         for k, step in ((_FREQUENCY, max(float(error[_FREQUENCY]), _LEAST_STEP)), (_DAMPING, 0.1))
     ]
-    of_frequency = max(abs(end / mode[0] - 1.0) for end in ends[_FREQUENCY]) / _TWO_SIDED
+    of_frequency = max(abs(end / mode[0] - 1.0) for end in ends[_FREQUENCY]) / KNOWN_WITHIN
     errors = np.array([mode[0] * of_frequency, float(error[2]) if rocking else 0.0])
     return mode, errors, ends[_DAMPING], float(np.sum(np.minimum(np.abs(left), _CAPPED)))
 
@@ -681,13 +686,13 @@ def _ends(
             return misfit.deviations(np.insert(rest, which, log_value)) / scatter
 
         fit = least_squares(
-            deviations, best[free], loss="soft_l1", f_scale=_TWO_SIDED,
+            deviations, best[free], loss="soft_l1", f_scale=KNOWN_WITHIN,
             bounds=(misfit.low[free], misfit.high[free]),
         )  # fmt: skip
         return 2.0 * float(fit.cost)
 
     own = float(best[which])
-    allowed = cost(own) + _TWO_SIDED**2
+    allowed = cost(own) + KNOWN_WITHIN**2
 
     def end(towards: float, first: float) -> float:
         inside, outside, wide = own, own + first, first

@@ -15,6 +15,7 @@ import numpy as np
 from microvib.signals.ridges import PowerMap, Ridge
 from microvib.signals.spectrum import leakage
 from microvib.studies.wheel_fit import (
+    KNOWN_WITHIN,
     FoundMode,
     bins_beside,
     largest_factor,
@@ -80,7 +81,10 @@ def held_at_all_speeds(
             resonant[k, rows] |= shown > _RESONANT * expected
             more = shown > known
             if more.any():
-                needed = np.sqrt(2.0 * shown) / (reading.speed**2 * factors[k][rows])
+                at_most = np.where(shown > 0.0, reading.power + KNOWN_WITHIN * reading.noise, 0.0)
+                needed = np.sqrt(2.0 * np.maximum(at_most, shown)) / (
+                    reading.speed**2 * factors[k][rows]
+                )
                 most[k] = max(most[k], float(needed[more].max()))
             large[k] |= set(reading.speed[shown > _TOLD * known].tolist())
     return [
