@@ -480,7 +480,7 @@ def test_phases_of_electrical_lines_do_not_depend_on_the_first_sample(distorted)
 
 def test_half_an_electrical_turn_later_both_offsets_have_the_other_sign(distorted):
     """The ambiguity that identification speaks of: the same lines, each turned by its order times half a turn."""
-    fine = distorted.with_si({"solver.accuracy": 1e-4})
+    fine = distorted.with_si({"solver.accuracy": 3e-5})
     other = fine.with_si(
         {"driver.imperfections.offset_a": -0.006, "driver.imperfections.offset_b": 0.004}
     )
