@@ -25,6 +25,7 @@ from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
 from microvib.signals.line_fit import estimate_lines
 from microvib.solve.batch import simulate_torques
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
+from microvib.solve.steady.recorded import KINK, NotDifferentiable, RecordedPeriod
 from microvib.solve.steady.search import CONVERGED
 from microvib.solve.steady.state import find_steady, steady_state
 from microvib.studies.rates import plan_rates, rate_grid
@@ -643,3 +644,20 @@ def test_a_fourier_series_does_not_depend_on_the_sample_rate() -> None:
     shown = fine > 1e-3 * np.max(fine[1:])
     assert np.count_nonzero(shown[fine.size // 2 :]) > 20
     assert coarse[shown] == pytest.approx(fine[shown], rel=1e-3)
+
+
+def test_where_steps_cannot_be_taken_again_lines_are_those_by_means(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    state = steady_state(mv.load_scenario("state-1"))
+    orders = np.array([1, 4, 16, 32])
+    by_steps = state.integrated_harmonics(orders)
+
+    def kink(*_: object) -> None:
+        raise NotDifferentiable(KINK)
+
+    monkeypatch.setattr(RecordedPeriod, "record", kink)
+    by_means = state.integrated_harmonics(orders)
+    assert not np.array_equal(by_means, by_steps)
+    largest = float(np.max(np.abs(by_steps)))
+    assert by_means == pytest.approx(by_steps, rel=1e-3, abs=1e-4 * largest)

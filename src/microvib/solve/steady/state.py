@@ -41,7 +41,7 @@ from microvib.solve.steady.derivatives import LineDerivatives, line_derivatives
 from microvib.solve.steady.directions import Parameters
 from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
-from microvib.solve.steady.recorded import RecordedPeriod, output_offset
+from microvib.solve.steady.recorded import NotDifferentiable, RecordedPeriod, output_offset
 from microvib.solve.steady.search import HARMONICS, NotReproducedByRun, Search, sample_rows
 from microvib.solve.steady.settling import Settling
 
@@ -259,12 +259,16 @@ class SteadyState:
         They are smooth functions of the drive's parameters. Means over equal intervals are not:
         lines by them have kinks where an event crosses the edge of an interval. Steps are finer than
         the solution's, with which small lines of high orders would jump by some per cent where a
-        step is one more or less.
+        step is one more or less. Where a friction just sticks, or just does not, steps cannot be taken again, and
+        they are those by means.
         """
         recorded = RecordedPeriod.with_finer_steps(
             self.scenario, self.microsteps, orders, FINER_FOR_HARMONICS
         )
-        end = recorded.record(self.state - output_offset(recorded.map))
+        try:
+            end = recorded.record(self.state - output_offset(recorded.map))
+        except NotDifferentiable:
+            return self.harmonics("T_d", int(orders.max()) + 1)[orders]
         late = self.scenario.record.settle - self.start + end.late
         shift = np.exp(2j * np.pi * self.frequency * late * orders)
         result: np.ndarray = recorded.harmonics([end])[:, 0] * shift
