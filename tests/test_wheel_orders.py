@@ -11,18 +11,20 @@ import pytest
 from support import craft as whole
 from support.craft_scenarios import scenario_of
 from support.tiers import sweep
-from support.wheel_waterfalls import RPM
+from support.wheel_waterfalls import RPM, KnownWheel
 
 import microvib as mv
 from microvib.errors import MicrovibError, ScenarioError
 from microvib.io.file_access import NO_FILES, WORKING_FOLDER
 from microvib.io.recordings import write_recording
 from microvib.reports.wheel import harmonics_csv
+from microvib.signals.ridges import PowerMap
+from microvib.signals.spectrum import Window, noise_bandwidth
 from microvib.studies.budget.files import OtherSource, Requirement
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.sums import Assessment, assess
 from microvib.studies.wheel import MeasuredWheel, measured_wheel
-from microvib.studies.wheel_maps import maps_of_recording
+from microvib.studies.wheel_maps import LOBES, maps_of_recording
 
 # ---- Orders that a run-up shows ----
 
@@ -79,6 +81,26 @@ def test_orders_of_a_run_are_those_of_the_wheel(tmp_path: Path, name: str) -> No
     low, high = (x / RPM for x in found.speeds)
     assert low >= LOW * (1.0 - 5e-4)
     assert high <= HIGH * (1.0 + 5e-4)
+
+
+@pytest.mark.parametrize("window", ["hann", "flat-top", "rectangular"])
+@pytest.mark.parametrize("weaker", [1.0, 0.5])
+def test_orders_that_share_bins_are_told_apart(window: Window, weaker: float) -> None:
+    near = 1.0 - {"hann": 0.057, "flat-top": 0.09, "rectangular": 0.057}[window]
+    sizes = {1.0: 1e-6, near: weaker * 1e-6, 1.786: 7e-7}
+    wheel = KnownWheel(
+        {"radial_force": sizes}, radial=None, mains=0.0, ways=dict.fromkeys(sizes, 1.0)
+    )
+    speeds = RPM * np.linspace(500.0, 3000.0, 40)
+    rng = np.random.default_rng(7)
+    f, values = wheel.waterfall("radial_force", speeds, 512.0, 512, rng, averages=8, window=window)
+    power = 0.5 * values**2 / noise_bandwidth(window)
+    found = measured_wheel(
+        {"radial_force": PowerMap(speeds, f, power, LOBES[window], window=window)}
+    )
+    for order in sizes:
+        assert any(abs(x.order - order) <= 4.0 * x.uncertainty for x in found.harmonics)
+    assert len(found.harmonics) == len(sizes)
 
 
 def test_the_table_for_a_budget_has_four_standard_uncertainties(tmp_path: Path) -> None:

@@ -14,7 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microvib.signals.ridges import FIRST_BIN, PowerMap, Ridge, RidgeSearch, is_steady
+from microvib.signals.ridges import (
+    FIRST_BIN,
+    GROWTH_UNKNOWN,
+    PowerMap,
+    Ridge,
+    RidgeSearch,
+    is_steady,
+)
 from microvib.signals.spectrum import LineShape, line_shape
 
 _STEP, _REACH, _BEYOND_LOBE = 0.2, 4.0, 2.0
@@ -31,7 +38,7 @@ of others in a cell (assumed)."""
 _BETTER = 0.6
 """Part of the misfit of one line below which that of two is, where an order is two."""
 _BY_NOISE = 50.0
-"""By how much it is less than noise makes it less."""
+"""Difference of the misfit of one and of two that noise does not make."""
 _TWO = 0.9
 """Bins at the highest speed from which two lines are two orders; nearer ones are one with an error."""
 _ALLOWED = 9.0
@@ -49,10 +56,8 @@ _SHOWN = 6.0
 """Level from which the cells of a spectrum show an order."""
 _MOST_SPECTRA = 60
 """Spectra that pairs of lines are tried in: those of the highest speeds."""
-_GROWTH_UNKNOWN = 0.4
-"""Part of the correction for the growth of a line during a spectrum that is a standard uncertainty
-(assumed)."""
 _TWO_SIDED = 1.96
+"""Standard deviations within which 95 % of a normal distribution are."""
 _BLOCKS, _LEAST_SPECTRA = 8, 3
 
 
@@ -435,7 +440,7 @@ class _Orders:
         for reach in _FINER:
             tried = best[:, None] + np.linspace(-reach, reach, 2 * _HALF + 1) * self._bin
             best, errors = _least(tried, _blocks([x.misfit(tried) for x in cells]))
-        growth = _GROWTH_UNKNOWN * float(np.mean([x.spectrum.growth for x in cells]))
+        growth = GROWTH_UNKNOWN * float(np.mean([x.spectrum.growth for x in cells]))
         least = _LEAST_ERROR * self._bin
         return [
             (float(x), max(math.hypot(error, growth * x), least))

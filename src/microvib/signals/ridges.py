@@ -43,7 +43,7 @@ _RATIO_STEP = 0.04
 _STEADY = 1.5
 """Bins by which a line may move during a spectrum that tells its order, or times what the quarter of the
 steadiest spectra have."""
-_GROWTH_UNKNOWN = 0.4
+GROWTH_UNKNOWN = 0.4
 """Part of the correction for the growth of a line during a spectrum that is a standard uncertainty
 (assumed)."""
 _APART = 3
@@ -461,7 +461,7 @@ class _Search:
         mean = float(w @ values)
         # Spectra that overlap by half, and loads of one run, are not independent.
         scatter = math.sqrt(2.0 * len(self.maps) * float(w**2 @ (values - mean) ** 2))
-        of_growth = _GROWTH_UNKNOWN * mean * abs(float(w @ corrected))
+        of_growth = GROWTH_UNKNOWN * mean * abs(float(w @ corrected))
         least = 0.01 * self.one.spacing / self.turns[-1]
         return mean, max(math.hypot(scatter, of_growth), least)
 

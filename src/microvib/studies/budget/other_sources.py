@@ -518,7 +518,7 @@ def _of_density(
 
 
 def _check_density(path: Path, f: np.ndarray, S: np.ndarray, names: tuple[str, ...]) -> None:
-    """MicrovibError where frequencies do not ascend, or a density is no number of 0 or more."""
+    """Raise MicrovibError unless frequencies ascend and densities are numbers of 0 or more."""
     if f.size < 2:
         raise MicrovibError(
             f"{path}: holds one frequency; a density needs two or more, between which it is linear"
