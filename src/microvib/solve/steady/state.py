@@ -61,6 +61,9 @@ MAX_MODES = 100
 FINE_INTERVALS = 64
 """Intervals in a cycle of the highest order of a Fourier series."""
 MOST_FINE_INTERVALS, MOST_FINE_NUMBERS = 8_000_000, 32_000_000
+"""Intervals of the torque, and numbers of all channels, that are kept at most: of longer periods a torque with jumps
+has intervals less fine, and up to 1 % of the last orders is aliased.
+"""
 
 
 @dataclass(frozen=True)
